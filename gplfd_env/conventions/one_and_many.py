@@ -11,7 +11,7 @@ element.
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +50,8 @@ def larger(first: Number, second: Number) -> Number:
     return where(first >= second, first, second)
 
 
-def magnitude(number: Number) -> Number:
-    """Return the absolute value."""
-    return np.abs(number) if isinstance(number, np.ndarray) else abs(number)
+magnitude: Final[Callable[[Number], Number]] = cast("Any", abs)
+"""Absolute value."""
 
 
 def sqrt(number: Number) -> Number:
@@ -66,10 +65,9 @@ def _by_element(function: Callable[..., float]) -> Callable[..., Number]:
     """Return a function of `math` that also takes arrays."""
 
     def of(*numbers: Number) -> Number:
-        if isinstance(numbers[0], np.ndarray):
-            lists = [np.asarray(number).tolist() for number in numbers]
-            return np.array(list(map(function, *lists)))
-        return function(*numbers)
+        if not isinstance(numbers[0], np.ndarray):
+            return function(*numbers)
+        return np.array(list(map(function, *(np.asarray(x).tolist() for x in numbers))))
 
     return of
 
@@ -97,14 +95,15 @@ def mapped(function: Callable[..., Any], *records: Any) -> Any:
     if isinstance(first, tuple):
         parts = [mapped(function, *entries) for entries in zip(*records, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-    if dataclasses.is_dataclass(first) and not isinstance(first, type):
-        names = [field.name for field in dataclasses.fields(first)]
-        values = {
-            name: mapped(function, *[getattr(record, name) for record in records])
-            for name in names
-        }
-        return dataclasses.replace(first, **values)
-    return function(*records)
+    if not dataclasses.is_dataclass(first) or isinstance(first, type):
+        return function(*records)
+    values = {
+        field.name: mapped(
+            function, *[getattr(record, field.name) for record in records]
+        )
+        for field in dataclasses.fields(first)
+    }
+    return dataclasses.replace(first, **values)
 
 
 def stacked(records: Sequence[Record]) -> Record:
@@ -115,10 +114,11 @@ def stacked(records: Sequence[Record]) -> Record:
 
 def row_of(record: Record, row: int) -> Record:
     """Return the record of one simulation from a record of many."""
-    result: Record = mapped(
-        lambda entry: entry[row].item() if isinstance(entry, np.ndarray) else entry,
-        record,
-    )
+
+    def of(entry: Any) -> Any:
+        return entry[row].item() if isinstance(entry, np.ndarray) else entry
+
+    result: Record = mapped(of, record)
     return result
 
 

@@ -1,5 +1,6 @@
 """Gymnasium's conventions for reset options, seeds and masks."""
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeVar
@@ -67,7 +68,7 @@ def each(
     For a single environment n is None, and a sequence is not allowed.
     """
     if n is None or not isinstance(values, list | tuple):
-        return [resolve(values)] * (1 if n is None else n)
+        return [resolve(values)] * (n or 1)
     if len(values) != n:
         raise ValueError(
             f"{name} must be one for all simulations or a sequence of {n}, got "
@@ -78,18 +79,17 @@ def each(
 
 def each_seed(seed: Seeds, n: int) -> list[int | None]:
     """Return the seed of every simulation, or raise a ValueError."""
-    seeds = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
-    if seeds is None:
-        return [None] * n
-    if isinstance(seeds, int):
-        return [seeds + row for row in range(n)]
-    if not isinstance(seeds, list | tuple) or len(seeds) != n:
+    if seed is None or isinstance(seed, int | np.integer):
+        return [None if seed is None else int(seed) + row for row in range(n)]
+    try:
+        seeds = [None if value is None else operator.index(value) for value in seed]
+    except TypeError:
+        seeds = []
+    if len(seeds) != n:
         raise ValueError(
             f"seed must be an integer, None or a sequence of {n}, got {seed!r}"
         )
-    return [
-        int(number) if isinstance(number, np.integer) else number for number in seeds
-    ]
+    return seeds
 
 
 def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:

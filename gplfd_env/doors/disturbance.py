@@ -17,9 +17,9 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from gplfd_env.validation.fields import (
-    Ranges,
+    Quantities,
     check_choice,
-    check_ranges,
+    check_quantities,
     draw_ranges,
     quantity,
 )
@@ -37,6 +37,12 @@ Held = Literal["hand", "door"]
 Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
 
+
+def _number(default: float, **allowed: Any) -> Any:
+    """Declare a number, or a range from which it is drawn."""
+    return quantity(default, pairs=True, **allowed)
+
+
 _ANGLES: Final[Any] = {"unit": "rad", "low": 0.0, "high": math.radians(95.0)}
 _FORCES: Final[Any] = {"unit": "N", "low": -100.0, "high": 100.0}
 _TIMES: Final[Any] = {"unit": "s", "low": 0.0, "high": 1000.0}
@@ -52,23 +58,23 @@ class Push:
     ``"door"`` at the handle, where only `along` has an effect."""
     profile: Profile = "half_sine"
     """``"half_sine"``, or ``"constant"``."""
-    along: Number = quantity(0.0, **_FORCES)
+    along: Number = _number(0.0, **_FORCES)
     """Greatest force along the opening motion."""
-    outward: Number = quantity(0.0, **_FORCES)
+    outward: Number = _number(0.0, **_FORCES)
     """Greatest force away from the hinge."""
-    upward: Number = quantity(0.0, **_FORCES)
+    upward: Number = _number(0.0, **_FORCES)
     """Greatest force upwards."""
-    start_angle: Number = quantity(0.0, **_ANGLES)
+    start_angle: Number = _number(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
-    start_time: Number = quantity(0.0, **_TIMES)
+    start_time: Number = _number(0.0, **_TIMES)
     """It begins this long after the reset."""
-    duration: Number = quantity(0.3, **_DURATIONS)
+    duration: Number = _number(0.3, **_DURATIONS)
     """How long it lasts."""
 
     def __post_init__(self) -> None:
         check_choice("Push.on", self.on, get_args(Target))
         check_choice("Push.profile", self.profile, get_args(Profile))
-        check_ranges(self)
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -85,42 +91,42 @@ class Person:
     """What is held: the robot's hand or the door at its handle."""
     one_sided: bool = False
     """Whether the person only stands in the way and never pulls."""
-    start_angle: Number = quantity(0.0, **_ANGLES)
+    start_angle: Number = _number(0.0, **_ANGLES)
     """Angle at which the person takes hold, or at which the blocking hand is."""
-    start_time: Number = quantity(0.0, **_TIMES)
+    start_time: Number = _number(0.0, **_TIMES)
     """Earliest time at which the person takes hold."""
-    duration: Number = quantity(2.5, **_DURATIONS)
+    duration: Number = _number(2.5, **_DURATIONS)
     """From taking hold, or the first touch, to letting go."""
-    hand_mass: Number = quantity(0.6, unit="kg", low=0.1, high=5.0)
+    hand_mass: Number = _number(0.6, unit="kg", low=0.1, high=5.0)
     """Mass of the person's hand."""
-    contact_stiffness: Number = quantity(75e3, unit="N/m", low=1e3, high=100e3)
+    contact_stiffness: Number = _number(75e3, unit="N/m", low=1e3, high=100e3)
     """Contact stiffness between the person's hand and what it touches."""
-    contact_damping: Number = quantity(80.0, unit="N s/m", low=0.0, high=400.0)
+    contact_damping: Number = _number(80.0, unit="N s/m", low=0.0, high=400.0)
     """Contact damping between the person's hand and what it touches."""
-    arm_stiffness: Number = quantity(1000.0, unit="N/m", low=0.0, high=5000.0)
+    arm_stiffness: Number = _number(1000.0, unit="N/m", low=0.0, high=5000.0)
     """Stiffness of the person's arm."""
-    arm_damping: Number = quantity(50.0, unit="N s/m", low=0.0, high=200.0)
+    arm_damping: Number = _number(50.0, unit="N s/m", low=0.0, high=200.0)
     """Damping of the person's arm."""
 
     def __post_init__(self) -> None:
         check_choice("Person.on", self.on, get_args(Held))
         check_choice("Person.one_sided", self.one_sided, (False, True))
-        check_ranges(self)
+        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Stop(Ranges):
+class Stop(Quantities):
     """The door does not open further, because somebody is behind it or it is locked."""
 
-    angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
+    angle: Number = _number(0.0, unit="rad", low=0.0, high=math.radians(95.0))
     """Greatest opening angle while the stop acts; 0 is a locked door."""
-    duration: Number = quantity(1000.0, **_DURATIONS)
+    duration: Number = _number(1000.0, **_DURATIONS)
     """Time from the door's first contact with the stop (within half a degree) until it
     is free."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Bump(Ranges):
+class Bump(Quantities):
     """The robot's base is moved, and its task frame with it; the robot does not know.
 
     Commanded poses are displaced relative to the door, and the observed position and
@@ -128,29 +134,29 @@ class Bump(Ranges):
     and the inertia of the push are not modelled.
     """
 
-    forward: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    forward: Number = _number(0.0, unit="m", low=-0.05, high=0.05)
     """Permanent displacement along the base's x axis."""
-    left: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
+    left: Number = _number(0.0, unit="m", low=-0.05, high=0.05)
     """Permanent displacement along the base's y axis."""
-    start_angle: Number = quantity(0.0, **_ANGLES)
+    start_angle: Number = _number(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
-    start_time: Number = quantity(0.0, **_TIMES)
+    start_time: Number = _number(0.0, **_TIMES)
     """It begins this long after the reset."""
-    duration: Number = quantity(0.3, **_DURATIONS)
+    duration: Number = _number(0.3, **_DURATIONS)
     """How long the base moves (a minimum-jerk motion)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Breakaway(Ranges):
+class Breakaway(Quantities):
     """A hinge that sticks before it first moves, and a seal near the frame."""
 
-    stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    stiction: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
     """Friction of the hinge in addition to the door's own, until the door has moved by
     half a degree."""
-    seal: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
+    seal: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
     """Closing torque of the seal at the closed door; it falls linearly to zero at
     `seal_angle`."""
-    seal_angle: Number = quantity(
+    seal_angle: Number = _number(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
     """Where the leaf leaves the seal."""

@@ -22,7 +22,6 @@ from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
 from gplfd_env.simulation.single import DoorSimulation
 from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
 
@@ -186,7 +185,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         )
         if self.render_mode == "human":
             self.render()
-        return episode.observation(self._sensed), info_of(episode)
+        return episode.observation(self._sensed), episode.info()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Apply a command for one control period.
@@ -220,7 +219,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             float(episode.reward),
             bool(episode.terminated),
             bool(episode.progress.simulation_error),
-            info_of(episode),
+            episode.info(),
         )
 
     def render(self) -> Any:

@@ -33,7 +33,6 @@ from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
 from gplfd_env.task.episode import REWARDS, Episode, Reward
 from gplfd_env.task.episodes import Episodes
-from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -209,7 +208,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row in range(self.num_envs)
         ]
         episodes = self._restart(rows)
-        return episodes.observation(self._sensed), masked(infos_of(episodes), rows)
+        return episodes.observation(self._sensed), masked(episodes.info(), rows)
 
     def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
         """Command every hand for one control period.
@@ -244,7 +243,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._restart(resting)
         rewards, terminations, truncations = episodes.outcome(self._limit)
         self._ended = terminations | truncations
-        infos = masked(infos_of(episodes), self._everyone)
+        infos = masked(episodes.info(), self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             infos = self._reset_at_once(episodes, infos)
         observations = episodes.observation(self._sensed)
@@ -297,7 +296,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         final_info = masked(unmasked(infos), ended)
         self._restart(ended)
         final = {"final_obs": final_obs, "final_info": final_info}
-        new = masked(infos_of(episodes), self._everyone)
+        new = masked(episodes.info(), self._everyone)
         return new | masked(final, ended)
 
 

@@ -12,6 +12,7 @@ from gplfd_env.conventions.constants import (
     GRIPPER_WIDTH,
     SUCCESS_ANGLE,
     Array,
+    Info,
     Mask,
 )
 from gplfd_env.conventions.one_and_many import (
@@ -33,6 +34,7 @@ from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import NO_EXTRA_INPUTS, ExtraInputs
 from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import DelayLine, NoiseSource, SampledEpisode
+from gplfd_env.task.info import INFO, TEXTS, VECTORS
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
     AT_REST,
@@ -375,58 +377,67 @@ class Episode:
         """Return an attribute of optional parts; simulations without get a default."""
         return getattr(things[0], name) if things else default
 
-    @property
-    def slip(self) -> Number:
-        """Distance of the hand from the point at which it grasped the handle [m]."""
-        ax, ay, az = self.readings.door.hand_on_handle
-        bx, by, bz = self.progress.grasp_point
-        x, y, z = ax - bx, ay - by, az - bz
-        return where(self.progress.opening.taken, sqrt(x * x + y * y + z * z), 0.0)
+    def info(self) -> Info:
+        """Return the info, see `gplfd_env.task.info.INFO`."""
+        info = self._info_values()
+        for name in VECTORS:
+            info[name] = np.array(info[name])
+        for name in TEXTS:
+            info[name] = INFO[name].texts[info[name]]
+        return info
 
-    @property
-    def stop_force(self) -> Number:
-        """Force of the door on a disturbance's stop, at the handle's radius [N]."""
-        constants = self.constants
-        torque = where(constants.stopped, self.readings.door.stop_torque, 0.0)
-        return torque / constants.hand_radius
-
-    @property
-    def opening(self) -> Number:
-        """Opening angle divided by the success angle."""
-        return self.readings.door.angle / SUCCESS_ANGLE
-
-    @property
-    def closer_torque(self) -> Number:
-        """Closing torque of closer, seal and stiction [N m]."""
-        door = self.readings.door
-        return self.constants.closer.torque(door.angle, door.velocity)
-
-    @property
-    def handle_pose(self) -> tuple[Number, ...]:
-        """Pose of the handle in the robot's task frame [m, rad]."""
-        constants, door = self.constants, self.readings.door
+    def _info_values(self) -> Info:
+        """Return the values of an info; texts as their number, vectors as tuples."""
+        readings, constants, progress = self.readings, self.constants, self.progress
+        door, opening, effects = readings.door, progress.opening, self.effects
+        dx, dy, dz = (
+            now - grasped
+            for now, grasped in zip(
+                door.hand_on_handle, progress.grasp_point, strict=True
+            )
+        )
+        slip = where(opening.taken, sqrt(dx * dx + dy * dy + dz * dz), 0.0)
+        stop_torque = where(constants.stopped, door.stop_torque, 0.0)
         x, y, z = door.handle_position
-        dx, dy, dz = self.effects.base_shift
+        dx, dy, dz = effects.base_shift
         rotation = door.handle_rotation(constants.path)
-        return (x - dx, y - dy, z - dz, *rotation)
+        error = progress.simulation_error
+        failure = where(error, SIMULATION_ERROR, opening.failure)
+        return {
+            "door_angle": door.angle,
+            "opening": door.angle / SUCCESS_ANGLE,
+            "door_velocity": door.velocity,
+            "door_radius": constants.radius,
+            "slip": slip,
+            "force_tangential": door.forces.tangential,
+            "force_radial": door.forces.radial,
+            "force_vertical": door.forces.vertical,
+            "push_force": effects.push_force,
+            "person_force": effects.person_force,
+            "person_energy": effects.person_energy,
+            "base_shift": effects.base_distance,
+            "stop_force": stop_torque / constants.hand_radius,
+            "handle_angle": door.handle_angle,
+            "bolt": door.bolt,
+            "closer_torque": constants.closer.torque(door.angle, door.velocity),
+            "capability": progress.stage,
+            "handle_pose": (x - dx, y - dy, z - dz, *rotation),
+            "base_pose": readings.base.pose,
+            "base_velocity": readings.base.velocity,
+            "success": opening.success,
+            "is_success": opening.success,
+            "grasped": door.grasped,
+            "simulation_error": error,
+            "failure": failure,
+            "reason": progress.diagnosis.reason(failure),
+            "stage": progress.stage,
+            "reward_terms": progress.terms,
+        }
 
     @property
     def reward(self) -> Number:
         """Reward of the last step: the sum of its terms."""
         return sum(self.progress.terms.values())
-
-    @property
-    def failure(self) -> Number:
-        """Failure, an index into `gplfd_env.task.opening.FAILURES`."""
-        progress = self.progress
-        return where(
-            progress.simulation_error, SIMULATION_ERROR, progress.opening.failure
-        )
-
-    @property
-    def reason(self) -> Number:
-        """Reason of the failure, an index into `gplfd_env.task.stages.REASONS`."""
-        return self.progress.diagnosis.reason(self.failure)
 
     @property
     def terminated(self) -> Flag:

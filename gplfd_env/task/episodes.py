@@ -2,11 +2,11 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.conventions.constants import Array, Mask
+from gplfd_env.conventions.constants import Array, Info, Mask
 from gplfd_env.conventions.one_and_many import (
     Number,
     columns,
@@ -18,7 +18,10 @@ from gplfd_env.conventions.one_and_many import (
 )
 from gplfd_env.doors.variation import Variation
 from gplfd_env.task.episode import Episode, Thing
+from gplfd_env.task.info import INFO, TEXTS, VECTORS
 from gplfd_env.task.observation import Values
+
+_WORDS: Final = {name: np.array(INFO[name].texts, dtype=object) for name in TEXTS}
 
 
 class Episodes(Episode):
@@ -75,6 +78,23 @@ class Episodes(Episode):
         late = self.progress.simulation_error | (self.progress.steps >= limit)
         rewards, ended = np.asarray(self.reward), np.asarray(self.terminated)
         return rewards, ended, np.asarray(late)
+
+    def info(self) -> Info:
+        """Return the infos as new arrays (n, ...)."""
+        info = self._info_values()
+        for name, value in info.items():
+            kind = INFO[name].kind
+            if kind is dict:
+                terms = {term: columns((x,), self.n)[:, 0] for term, x in value.items()}
+                info[name] = terms
+            elif name in VECTORS:
+                info[name] = columns(value, self.n)
+            elif kind is str:
+                info[name] = _WORDS[name][value]
+            else:
+                info[name] = np.empty(self.n, kind)
+                info[name][:] = value
+        return info
 
     def _of(self, row: int, record: Thing) -> Thing:
         return row_of(record, row)

@@ -18,15 +18,14 @@ Record = TypeVar("Record", bound=Any)
 
 _RANGE: Final = "range"
 """Key of a field's metadata."""
-_RANGED: Final = "a number or (low, high)"
-"""Values that `check_ranges` allows, for messages."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
     """The numbers from `low` to `high`, greater than `above` and less than `below`.
 
-    Also their unit (for whole numbers, the counted thing) and the reason of the limits.
+    Also their unit (for whole numbers, the counted thing), the reason of the limits,
+    and whether a value may be a pair of them, low first.
     """
 
     low: float = -math.inf
@@ -35,6 +34,7 @@ class Range:
     below: float = math.inf
     unit: str = ""
     reason: str = ""
+    pairs: bool = False
 
     def __contains__(self, number: float) -> bool:
         return self.low <= number <= self.high and self.above < number < self.below
@@ -56,25 +56,35 @@ def quantity(default: float | None, **allowed: Any) -> Any:
 
 def allowed_range(record: type, field: str) -> Range:
     """Return the range that a field of a record declares."""
-    declared = {
-        declaration.name: declaration for declaration in dataclasses.fields(record)
-    }
-    allowed: Range = declared[field].metadata[_RANGE]
+    declared = {each.name: each.metadata for each in dataclasses.fields(record)}
+    allowed: Range = declared[field][_RANGE]
     return allowed
 
 
 def check_quantities(record: Any) -> None:
     """Check every declared number of a frozen record and make it a float or an int.
 
-    Raises a TypeError if a value is not a number, a ValueError if it is not allowed.
+    A pair ``(low, high)``, where allowed, becomes a tuple of floats. Raises a TypeError
+    if a value is not a number, a ValueError if it is not allowed.
     """
     for field in dataclasses.fields(record):
-        absent = field.default is None and getattr(record, field.name) is None
-        if _RANGE in field.metadata and not absent:
-            checked = checked_count if field.type in (int, "int") else checked_number
-            name = f"{type(record).__name__}.{field.name}"
-            value = checked(name, getattr(record, field.name), field.metadata[_RANGE])
-            object.__setattr__(record, field.name, value)
+        value: Any = getattr(record, field.name)
+        allowed = field.metadata.get(_RANGE)
+        if allowed is None or (field.default is None and value is None):
+            continue
+        name = f"{type(record).__name__}.{field.name}"
+        checked: Any
+        if allowed.pairs and isinstance(value, list | tuple):
+            checked = tuple(checked_number(name, end, allowed) for end in value)
+            if len(checked) != 2 or checked[0] > checked[1]:
+                raise ValueError(
+                    f"{name} = {value!r} must be a number or (low, high), low first"
+                )
+        elif field.type in (int, "int"):
+            checked = checked_count(name, value, allowed)
+        else:
+            checked = checked_number(name, value, allowed)
+        object.__setattr__(record, field.name, checked)
 
 
 class Quantities:
@@ -84,35 +94,6 @@ class Quantities:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-
-
-def check_ranges(record: Any) -> None:
-    """Check every declared field of a frozen record: a number, or a pair of numbers.
-
-    A number becomes a float, a pair ``(low, high)`` a tuple of floats. Raises the same
-    errors as `check_quantities`, and a ValueError for a reversed pair.
-    """
-    for field in dataclasses.fields(record):
-        if _RANGE in field.metadata:
-            name = f"{type(record).__name__}.{field.name}"
-            value, allowed = getattr(record, field.name), field.metadata[_RANGE]
-            if isinstance(value, list | tuple):
-                ends = tuple(checked_number(name, end, allowed) for end in value)
-                if len(ends) != 2 or ends[0] > ends[1]:
-                    raise ValueError(f"{name} = {value!r} must be {_RANGED}, low first")
-                value = ends
-            else:
-                value = checked_number(name, value, allowed, _RANGED)
-            object.__setattr__(record, field.name, value)
-
-
-class Ranges:
-    """A frozen record whose declared fields are checked by `check_ranges`."""
-
-    __slots__ = ()
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
@@ -132,11 +113,10 @@ def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
     return dataclasses.replace(record, **drawn)
 
 
-def checked_number(
-    name: str, value: Any, allowed: Range, kind: str = "a number"
-) -> float:
+def checked_number(name: str, value: Any, allowed: Range) -> float:
     """Return a value as a float; raise a TypeError, or a ValueError out of range."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        kind = "a number or (low, high)" if allowed.pairs else "a number"
         raise TypeError(
             f"{name} must be {kind}, got {value!r} ({type(value).__name__})"
         )

@@ -9,7 +9,11 @@ import numpy as np
 from gplfd_env.conventions.constants import Info
 from gplfd_env.task.info import INFO, TEXTS
 
-_CODES: Final = {name: INFO[name].texts for name in TEXTS}
+_CODES: Final = {
+    # A simulation without a value in this info has None, or 0 from Gymnasium.
+    name: {None: 0, 0: 0} | {text: n for n, text in enumerate(INFO[name].texts)}
+    for name in TEXTS
+}
 
 
 class _Coded:
@@ -38,22 +42,18 @@ class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
 
 
 class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
-    """`NumericInfo` for vector environments: (n,) int64, with its mask.
-
-    With ``autoreset_mode="SameStep"`` ``infos["final_obs"]`` remains an array of
-    objects, as in every vector environment of Gymnasium.
-    """
+    """`NumericInfo` for vector environments: (n,) int64, with its mask."""
 
 
 def _coded(info: Mapping[str, Any]) -> Info:
     """Return an info with codes, also in its masks and in ``final_info``."""
     coded = dict(info)
-    for name, texts in _CODES.items():
+    for name, codes in _CODES.items():
         if name in info:
-            # A simulation without a value in this info has None, or 0 from Gymnasium.
-            code = {None: 0, 0: 0, "": 0} | {text: n for n, text in enumerate(texts)}
-            codes = np.vectorize(code.__getitem__, otypes=[np.int64])(coded.pop(name))
-            coded[f"{name}_code"] = codes if codes.ndim else int(codes)
+            of_each = np.vectorize(codes.__getitem__, otypes=[np.int64])(
+                coded.pop(name)
+            )
+            coded[f"{name}_code"] = of_each if of_each.ndim else int(of_each)
         if f"_{name}" in info:
             coded[f"_{name}_code"] = coded.pop(f"_{name}")
     if "final_info" in info:

@@ -124,7 +124,7 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_images(self) -> Sequence[Any]:
-        """Return a picture of every simulation; ``render_mode="rgb_array"``."""
+        """Return an image of every simulation; ``render_mode="rgb_array"``."""
         return tuple(self.env.render() or self.num_envs * (None,))
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
@@ -137,9 +137,8 @@ class SB3VecEnv(VecEnv):
         if attr_name in _OF_EACH:
             values = getattr(self.env.unwrapped, _OF_EACH[attr_name])
             return [values[row] for row in rows]
-        if hasattr(self.env, attr_name):
-            return [getattr(self.env, attr_name)] * len(rows)
-        return [getattr(self.env.unwrapped, attr_name)] * len(rows)
+        owner = self.env if hasattr(self.env, attr_name) else self.env.unwrapped
+        return [getattr(owner, attr_name)] * len(rows)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: no single environments stand behind the simulations."""
@@ -162,10 +161,9 @@ def _each(infos: Info, n: int) -> list[Info]:
     for name, values in unmasked(infos).items():
         if name in ("final_obs", "final_info"):
             continue
-        if isinstance(values, dict):
-            rows: Any = _each(values, n)
-        else:
-            rows = values.tolist() if values.ndim == 1 else values.copy()
+        rows: Any = _each(values, n) if isinstance(values, dict) else values.copy()
+        if isinstance(values, np.ndarray) and values.ndim == 1:
+            rows = values.tolist()
         for info, value in zip(split, rows, strict=True):
             info[name] = value
     return split
