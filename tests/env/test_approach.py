@@ -9,7 +9,7 @@ import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
 from gplfd_env.doors.config import BAR_RADIUS
 from gplfd_env.doors.variation import Standoff
-from gplfd_env.robot.gripper import AT_HANDLE, SPEED
+from gplfd_env.robot.gripper import AT_HANDLE
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.opening import STALL_TIME
@@ -158,15 +158,6 @@ def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(start_env):
         held = 2.0 * BAR_RADIUS if grasped else GRIPPER_WIDTH
         assert observation["gripper_width"] == pytest.approx(held, abs=1e-3)
     assert info["failure"] == ""
-
-
-def test_fingers_close_no_faster_than_the_gripper_s(make_env):
-    env = make_env(id=GRIPPER, start="approach")
-    pose = env.reset(seed=0)[0]["ee_pose"]
-    widths = [env.step(np.append(pose, 0.0))[0]["gripper_width"][0] for _ in range(120)]
-    rates = -np.diff(widths) / CONTROL_PERIOD
-    assert rates.max() == pytest.approx(SPEED, rel=0.02)
-    assert widths[-1] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_what_does_not_go_together_is_refused(make_env):

@@ -15,9 +15,6 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import (
     Person,
-    Push,
-    Stop,
-    disturbance_named,
 )
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
@@ -235,34 +232,3 @@ def test_a_stuck_hinge_breaks_away_once(start_env):
     env.reset()
     env.step(REST)
     assert env.model.joint("hinge").frictionloss[0] == 4.5, "and again next time"
-
-
-def test_what_is_drawn(make_env):
-    """Within its range, and nothing else changes."""
-    calm = make_env(randomization="hard")
-    env = make_env(randomization="hard", disturbance="push")
-    drawn = []
-    for seed in range(20):
-        env.reset(seed=seed)
-        calm.reset(seed=seed)
-        push = env.variation.disturbance.push
-        drawn.append([push.along, push.outward, push.start_angle])
-        assert (push.upward, push.duration) == (0.0, 0.3)
-        assert env.variation.door == calm.variation.door
-        assert env.variation.placement == calm.variation.placement
-    low, high = np.min(drawn, axis=0), np.max(drawn, axis=0)
-    assert np.all(low >= [-15, -15, 0.2])
-    assert np.all(high <= [15, 15, 0.8])
-    assert np.all(high - low > 0.5 * np.array([30, 30, 0.6]))
-
-
-def test_a_mapping_changes_what_it_names_of_a_preset():
-    spec = {"preset": "push", "push": {"duration": 0.5}, "stop": {"angle": 0.3}}
-    standard, changed = disturbance_named("push"), disturbance_named(spec)
-    assert standard.push is not None
-    assert changed.push == dataclasses.replace(standard.push, duration=0.5)
-    assert changed.stop == Stop(angle=0.3)
-    # What the preset does not have begins from the cause's own defaults.
-    assert disturbance_named({"push": {"along": 3.0}}).push == Push(along=3.0)
-    with pytest.raises(ValueError, match="unknown push field 'length'"):
-        disturbance_named({"preset": "push", "push": {"length": 0.5}})

@@ -23,26 +23,20 @@ DOORS: list[tuple[Any, type[Exception], str]] = [
 ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
     *[({"door": door}, kind, message) for door, kind, message in DOORS],
     ({"grasp": "glue"}, ValueError, "grasp = 'glue' is not one of 'contact', 'we"),
-    ({"reward": "dens"}, ValueError, "reward = 'dens' is not one of 'dense', 'sp"),
-    ({"randomization": "easy"}, ValueError, "unknown randomization 'easy'; presets"),
     ({"height": 2.5}, ValueError, r"height = .* whole number of pixels from 1"),
 ]
 OF_MANY: list[tuple[dict[str, Any], str]] = [
     ({"door": ["small"]}, "door must be one for all .* sequence of 2, got 1"),
-    ({"door": ["small", "smal"]}, "unknown door 'smal'"),
     ({"render_mode": "human"}, "render_mode = 'human' is not one of None, 'rgb_a"),
     ({"num_threads": -1}, "num_threads = -1 must be a whole number from 0"),
 ]
 DISTURBANCES: list[tuple[Any, type[Exception], str]] = [
     ("persn", ValueError, r"unknown disturbance 'persn' \(did you mean 'person'\?\)"),
-    ({"pusch": {}}, ValueError, r"disturbance field 'pusch' \(did you mean 'push'"),
     ({"push": {"alogn": 1}}, ValueError, r"push field 'alogn' \(did you mean 'along'"),
     ({"push": {"along": 101}}, ValueError, r"Push.along = 101.0 .* \[-100, 100\] N"),
     ({"push": {"along": [5, 1]}}, ValueError, r"number or \(low, high\), low first"),
     ({"push": {"on": "elbow"}}, ValueError, "'hand', 'forearm', 'door'"),
-    (3, TypeError, "must be a preset's name, a mapping"),
     ({"push": "hard"}, TypeError, "must be a mapping of Push fields"),
-    ({"push": {"along": "ten"}}, TypeError, r"a number or \(low, high\), got 't"),
 ]
 
 
@@ -87,11 +81,6 @@ def assert_refused(
 RESETS: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"options": {"door": "smal"}, "seed": 7}, ValueError, "unknown door 'smal'"),
     ({"options": {"radius": 0.4}}, ValueError, r"unknown reset option\(s\) 'radius';"),
-    (
-        {"options": {"door": "large", "randomization": "hrad"}},
-        ValueError,
-        "did you mean 'hard'",
-    ),
     ({"options": "door"}, ValueError, r'must be a mapping such as {"door"'),
     ({"options": {"door": "large"}, "seed": -1}, gym.error.Error, "Seed must be"),
 ]
@@ -106,7 +95,7 @@ def test_wrong_resets_change_nothing(reset, kind, message, makers):
 @pytest.mark.parametrize(
     ("reset", "kind", "message"),
     [
-        ({"seed": [5, 1.5]}, gym.error.Error, "Seed must be"),
+        ({"seed": [5, 1.5]}, ValueError, r"seed must be .* of 2, got \[5, 1.5\]"),
         ({"seed": [1, 2, 3]}, ValueError, r"seed must be .* of 2, got \[1, 2, 3\]"),
         ({"options": {"door": ["small"] * 3}}, ValueError, "a sequence of 2, got 3"),
         ({"options": {"reset_mask": [True]}}, ValueError, "an array of 2 booleans"),
@@ -133,13 +122,11 @@ def test_wrong_actions_move_nothing(n, id, makers):
     env.reset(seed=0)
     for wrong, message in (
         (rest[..., :5], rf"{re.escape(str(shape))}.*got shape"),
-        (0.0, r"got shape \(\)"),
         ("pull", "must be numbers of shape"),
         (
             np.where(rest == rest.min(), np.nan, rest),
             "(?s)finite, got .*nan.*policy",
         ),
-        (np.where(rest == rest.min(), -np.inf, rest), "must be finite"),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(wrong)

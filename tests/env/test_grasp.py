@@ -133,19 +133,6 @@ def test_closed_door_is_held_still(door, slip, make_env):
     assert info["slip"] < slip
 
 
-def test_weld_holds_what_friction_cannot(start_env, push_hand):
-    """60 N downwards: the pads slide along the bar, the weld does not."""
-    slip = {}
-    for grasp in ("contact", "weld"):
-        env = start_env({"hinge_friction": 50.0}, grasp=grasp)
-        for step in range(150):
-            push_hand(env, np.array([0.0, -60.0 * min(1.0, step / 100), 0.0]))
-            *_, info = env.step(REST)
-        slip[grasp] = info["slip"]
-    assert slip["weld"] < 1e-3
-    assert slip["contact"] > 5e-3
-
-
 def test_pulling_far_too_hard_loses_the_grasp(start_env, push_hand):
     env = start_env({"hinge_friction": 50.0, "closer": {"preload": 50.0}})
     for step in range(400):

@@ -70,22 +70,6 @@ def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
     assert side * info["base_pose"][2] == pytest.approx(np.pi / 2, abs=0.08)
 
 
-@pytest.mark.parametrize(
-    ("preset", "side"), [("room-709", "right"), ("room-959", "left")]
-)
-def test_it_goes_through_the_frame_of_doors_of_rooms(
-    preset, side, start_env, opening_poses
-):
-    door = {"preset": preset, "hinge_side": side, "swing": "push"}
-    env = start_env(door, base="mobile")
-    for pose in opening_poses(env.door_geometry, 67.0, 6.0):
-        *_, terminated, _, info = env.step(pose)
-        assert not touching(env)
-        if terminated:
-            break
-    assert info["stage"] == "held"
-
-
 def test_a_base_that_drives_into_the_door_is_blocked_by_it(start_env):
     """Towards the closed door, whose frame and leaf hold up against the drive."""
     env = start_env(id=MOBILE)

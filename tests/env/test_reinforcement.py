@@ -209,28 +209,6 @@ def gently(opening_poses: Callable) -> Callable:
     return decided
 
 
-def slamming(step: int, hand: np.ndarray) -> np.ndarray:
-    """Pull as far as actions go, turning with the hand."""
-    return np.array([math.cos(hand[4]), 0.0, -math.sin(hand[4]), 0.0, 0.5, 0.0])
-
-
-@pytest.mark.parametrize("door", ["medium", "heavy"])
-def test_a_slam_earns_less_than_a_gentle_opening(door, make_rl, gently):
-    env = make_rl(door=door)
-    gentle, dense, calm = play(env, gently(env))
-    slammed, dense_slammed, info = play(env, slamming)
-    assert calm["success"]
-    assert calm["peak_force"] < 3.0
-    assert gentle > 1.8
-    assert info["peak_force"] > 20.0
-    harder = info["peak_force"] - calm["peak_force"]
-    assert slammed < gentle - harder / FORCE_SCALE + 0.1
-    if door == "medium":
-        # The defect that this reward is for: a slam opens farther, and that paid.
-        assert info["success"]
-        assert dense_slammed > dense + 0.1
-
-
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
 def test_a_lever_can_be_opened_within_the_limits(base, make_rl, gently):
     env = make_rl(door=LEVER, base=base)

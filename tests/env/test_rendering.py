@@ -1,7 +1,5 @@
 """Pictures: colour and depth without a screen, a window on a virtual display."""
 
-import os
-import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -26,19 +24,6 @@ def show(start_env: Callable) -> Callable[..., Any]:
         return start_env(door, **small | look)
 
     return shown
-
-
-@pytest.fixture
-def run_alone(run_python: Callable, monkeypatch: pytest.MonkeyPatch) -> Callable:
-    """Return a function: what a program prints that runs without a display, or on one.
-
-    In a process of its own, since MuJoCo chooses its OpenGL once.
-    """
-    for name in [name for name in os.environ if "DISPLAY" in name]:
-        monkeypatch.delenv(name)
-    return lambda program, **variables: run_python(
-        "-c", textwrap.dedent(program), **variables
-    ).stdout.splitlines()
 
 
 # --- Pictures ------------------------------------------------------------------------
@@ -112,42 +97,3 @@ def test_the_leaf_is_in_the_picture_and_not_at_its_border(
 
 
 # --- Without a screen, and with one ---------------------------------------------------
-
-
-def test_without_opengl_the_message_says_what_to_install(run_alone):
-    """Every time: asked again, MuJoCo itself would abort Python."""
-    program = """
-        import gymnasium as gym
-        import gplfd_env
-
-        env = gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="rgb_array")
-        envs = gym.make_vec(gplfd_env.ENVIRONMENT_ID, 2, render_mode="rgb_array")
-        for each in (env, env, envs):
-            each.reset(seed=0)
-            try:
-                each.render()
-            except RuntimeError as error:
-                print(error)
-            each.step(each.action_space.sample())
-            each.close()
-        """
-    first, *others = run_alone(program, MUJOCO_GL="glfw")
-    for part in ("no picture without OpenGL", "MUJOCO_GL=egl", "libegl1", "libosmesa6"):
-        assert part in first
-    assert others == [first, first]
-
-
-@pytest.mark.parametrize("variables", [{}, {"DISPLAY": ":59999"}], ids=["none", "gone"])
-def test_a_window_without_a_display_is_refused(variables, run_alone):
-    program = """
-        import gymnasium as gym
-        import gplfd_env
-
-        try:
-            gym.make(gplfd_env.ENVIRONMENT_ID, render_mode="human")
-        except RuntimeError as error:
-            print(error)
-        """
-    assert "needs a display; without one use" in "".join(
-        run_alone(program, **variables)
-    )

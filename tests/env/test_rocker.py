@@ -39,11 +39,6 @@ def test_a_turn_presses_a_thumb_piece_down_and_moves_others_as_the_door_opens(ki
     assert z == 0.0
 
 
-def test_a_touch_bar_cannot_be_pulled():
-    with pytest.raises(ValueError, match=r"'touch-bar' with swing = 'pull'.*'bar'"):
-        DoorConfig(handle="touch-bar")
-
-
 @pytest.mark.parametrize("handle", TURNING)
 def test_what_is_not_given_is_that_of_the_kind_and_can_be_given(handle):
     swing = "push" if handle == "touch-bar" else "pull"

@@ -11,7 +11,6 @@ import gplfd_env
 from gplfd_env.conventions.constants import GRIPPER_WIDTH
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import DoorRandomization
 from gplfd_env.doors.variation import BELIEF_LIMIT, Perception
 from gplfd_env.robot.gripper import AT_REST, RELEASE_DISTANCE, SPEED, Gripper
 from gplfd_env.spatial.se3 import into_axes
@@ -78,17 +77,6 @@ def test_the_task_frame_is_at_the_believed_grasp(door, make_env):
     for name in ("hinge", "axis", "pull", *(["spindle"] if base == "mobile" else [])):
         turned = into_axes(-belief[3:], getattr(told, name))
         assert turned == pytest.approx(getattr(plain, name), abs=1e-9), name
-
-
-def test_who_holds_the_handle_already_cannot_misjudge_it(make_env, make_vec):
-    message = 'needs start="approach"'
-    with pytest.raises(ValueError, match=message):
-        make_vec(2, randomization=["none", "detector"])
-    env = make_env()
-    with pytest.raises(ValueError, match=message):
-        env.reset(options={"randomization": "detector"})
-    with pytest.raises(ValueError, match=r"perception = 0\.04 .*outside"):
-        DoorRandomization(perception=(0.04, 0.0))
 
 
 def test_the_gripper_closes_where_the_hand_rests_and_opens_where_it_leaves():
