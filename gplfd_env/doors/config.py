@@ -16,12 +16,7 @@ from gplfd_env.validation.fields import (
     check_quantities,
     quantity,
 )
-from gplfd_env.validation.named import (
-    changed_fields,
-    preset,
-    record_of,
-    with_fields,
-)
+from gplfd_env.validation.named import changed_fields, preset, record_of, with_fields
 
 Handle = Literal["bar", "lever", "knob", "paddle", "touch-bar", "handleset"]
 """What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
@@ -80,8 +75,8 @@ TURNING: Final[Mapping[str, Turning]] = MappingProxyType(
         "handleset": Turning(0.5, 1.2, 0.35, 0.05),
     }
 )
-"""Levers and knobs: the middle of the ranges in `gplfd_env.doors.standard`. For the
-others see assets/README.md."""
+"""Levers and knobs: the middle of the ranges of `standard_door`. For the others see
+assets/README.md."""
 
 
 _LEAF, _LOCKSET, _CLOSER, _MECHANISM = Leaf(), Lockset(), Closer(), Mechanism()

@@ -81,10 +81,11 @@ class Camera:
         renderer.update_scene(data, camera=self._name)
         for flag in _EFFECTS:
             renderer.scene.flags[flag] = self._effects
-        if depth:
-            renderer.enable_depth_rendering()
-        else:
-            renderer.disable_depth_rendering()
+        (
+            renderer.enable_depth_rendering
+            if depth
+            else renderer.disable_depth_rendering
+        )()
         return renderer.render()
 
     def _made_renderer(self, model: mujoco.MjModel) -> mujoco.Renderer:

@@ -31,8 +31,7 @@ from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
-from gplfd_env.task.episode import REWARDS, Episode, Reward
-from gplfd_env.task.episodes import Episodes
+from gplfd_env.task.episode import REWARDS, Episode, Episodes, Reward
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -145,10 +144,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
         """Hinges and handle axes of these doors in the task frames."""
-        return tuple(
-            door_geometry(variation, self._robot.config)
-            for variation in self.variations
-        )
+        robot = self._robot.config
+        return tuple(door_geometry(drawn, robot) for drawn in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -162,10 +159,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         Rows of doors with fewer joints are padded with zeros.
         """
         rows = [self._batch.qpos_of(row) for row in range(self.num_envs)]
-        positions = np.zeros((self.num_envs, max(map(len, rows))))
-        for row, values in enumerate(rows):
-            positions[row, : len(values)] = values
-        return positions
+        longest = max(map(len, rows))
+        return np.array([np.pad(row, (0, longest - len(row))) for row in rows])
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -1,4 +1,10 @@
-"""The robot in MuJoCo: its URDF, with servos, sites and cameras added."""
+"""The robot in MuJoCo: its URDF, with servos, sites, cameras and collision geometry.
+
+Finger pads and handle collide in every scene. With a mobile base, base, torso and arm
+also collide with leaf, frame and wall. Capsules approximate the robot: MuJoCo computes
+contacts of capsules and boxes in closed form, and an upright capsule meets an upright
+wall as a cylinder does.
+"""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +13,7 @@ from typing import Final, Literal
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import UNDRAWN, Control
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Base, Control
 from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.description import PAD_BEHIND, described_robot
@@ -168,3 +174,54 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
                 contype=1,
                 conaffinity=0,
             )
+
+
+OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
+"""Geoms of the door that collide with a mobile robot, besides the walls."""
+
+_ROBOT_BIT: Final = 2
+_WALL_HALF_WIDTH: Final = 0.75
+_PLASTER: Final = (0.80, 0.82, 0.83, 1.0)
+
+
+def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
+    """Add the robot's collision geometry and enable contact with door and walls."""
+    for name, body, ends, radius in robot.capsules:
+        spec.body(body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=ends,
+            size=[radius, 0, 0],
+            # The links keep their own inertias and visual shapes.
+            mass=0.0,
+            rgba=[0, 0, 0, 0],
+            contype=_ROBOT_BIT,
+            conaffinity=0,
+        )
+    for name in (*OBSTACLES, "wall_hinge", "wall_lock"):
+        spec.geom(name).conaffinity = _ROBOT_BIT
+
+
+def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+    """Add the walls on both sides of the frame, without contact.
+
+    If a robot with a fixed base pushes, its arm passes beside the lock, where a wall
+    would hide it: there the wall ends at the frame.
+    """
+    for side in ("hinge", "lock"):
+        jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")
+        outwards = 1.0 if jamb.pos[2] > other.pos[2] else -1.0
+        x, y, z = jamb.pos
+        thick, high, wide = jamb.size
+        free = (base, door.swing, side) == ("fixed", "push", "lock")
+        # Every scene needs the same number of geoms.
+        half_width = 1e-3 if free else _WALL_HALF_WIDTH
+        spec.body("door_frame").add_geom(
+            name=f"wall_{side}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, z + outwards * (wide + half_width)],
+            size=[thick, high, half_width],
+            rgba=_PLASTER,
+            mass=0.0,
+            **INTANGIBLE,
+        )

@@ -26,8 +26,7 @@ def hand_position_w(
     position, _ = task_in_door_frame(door, placement, robot)
     middle = handle_position_w(door, placement, robot)
     axes = task_rotation_w(door, robot, placement.base_yaw)
-    held: Array = middle + axes @ position
-    return held
+    return np.asarray(middle + axes @ position)
 
 
 def handle_position_w(
@@ -88,11 +87,8 @@ def door_geometry(variation: Variation, robot: RobotConfig) -> DoorGeometry:
 
 def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> Array:
     """Return the initial pose in front of the handle, task frame, (6,) [m, rad]."""
-    to_task = task_rotation_w(door, robot).T
-    back, up = (
-        to_task @ gripper_rotation_w(door, robot)[:, 2],
-        np.array([0.0, 1.0, 0.0]),
-    )
+    back = task_rotation_w(door, robot).T @ gripper_rotation_w(door, robot)[:, 2]
+    up = np.array([0.0, 1.0, 0.0])
     level = math.cos(standoff.aside) * back
     level += math.sin(standoff.aside) * np.cross(back, up)
     direction = math.cos(standoff.above) * level + math.sin(standoff.above) * up
@@ -116,10 +112,7 @@ def task_in_door_frame(
     back = gripper_rotation_w(door, robot) @ depth
     axes = task_rotation_w(door, robot, placement.base_yaw)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
-    position, rotation = (
-        axes.T @ back + height,
-        axes.T @ task_rotation_w(door, robot),
-    )
+    position, rotation = axes.T @ back + height, axes.T @ task_rotation_w(door, robot)
     if any(placement.belief):
         shift, turn = np.split(np.array(placement.belief), 2)
         position = position + rotation @ shift
@@ -155,8 +148,7 @@ def solve_closed_posture(
             f"(pose error {error:.2g}); move the base back towards its "
             "nominal placement or choose another handle height"
         )
-    configuration: Array = data.qpos.copy()
-    return configuration
+    return np.array(data.qpos)
 
 
 def solve_standoff_posture(

@@ -2,12 +2,7 @@
 
 from typing import Final
 
-from gplfd_env.robot.config import (
-    BASE_RADIUS,
-    Capsule,
-    RobotConfig,
-    tabulated_stances,
-)
+from gplfd_env.robot.config import BASE_RADIUS, Capsule, RobotConfig, tabulated_stances
 
 TIAGO_LIKE: Final = RobotConfig(
     name="tiago-like",

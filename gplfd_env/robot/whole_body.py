@@ -68,10 +68,7 @@ class BaseDrive:
     """
 
     def __init__(
-        self,
-        hand: tuple[float, float],
-        door: DoorConfig,
-        robot: RobotConfig,
+        self, hand: tuple[float, float], door: DoorConfig, robot: RobotConfig
     ) -> None:
         self._hand = hand
         self._axes: Axes = task_rotation_w(door, robot).T.tolist()

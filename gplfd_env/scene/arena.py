@@ -152,21 +152,15 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     hinge = floor - door.hinge_sign * door.hand_radius * axes[:, 2]
     to_lock = door.hinge_sign * axes[:, 2]
     frame_end = door.radius + door.leaf.backset + CASING
-    to_base = -hinge
     around = np.arange(8) * (math.pi / 4.0)
     circle = np.stack([np.cos(around), np.sin(around), np.zeros(8)], axis=1)
-    outline = np.concatenate(
-        [
-            radius * circle + height * axes[:, 1]
-            for radius, height in ((_BASE_SIZE[0], 0.0), _BASE_SIZE, _HEAD_SIZE)
-        ]
-    )
+    sizes = (_BASE_SIZE[0], 0.0), _BASE_SIZE, _HEAD_SIZE
+    outline = np.vstack([size * circle + high * axes[:, 1] for size, high in sizes])
     leaf, around_robot = [], [outline]
     for depth in (-0.08, 0.08):
         wall = hinge + (depth - door.leaf.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
-    turning = door.motion in ABOUT_A_HINGE
-    if not turning:
+    if door.motion not in ABOUT_A_HINGE:
         links, closed = links_of(door), np.zeros((2, 6))
         closed[:, 2] = door.hinge_sign * np.array([-door.radius, door.leaf.backset])
         if door.motion == "folding":
@@ -177,13 +171,13 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
             leaf += list(floor + carried(links, angle, closed)[:, :3] @ axes.T)
             moved = carried(links, angle, np.zeros(6))[:3] * [1.0, 0.0, 1.0]
             around_robot.append(axes @ moved + outline)
-    for angle in _SHOWN_ANGLES if turning else ():
+    for angle in _SHOWN_ANGLES if door.motion in ABOUT_A_HINGE else ():
         sine, cosine = math.sin(angle), math.cos(angle)
         along = cosine * to_lock + door.swing_sign * sine * axes[:, 0]
         leaf.append(hinge + (door.radius + door.leaf.backset) * along)
         if robot.base == "mobile" and door.swing == "pull":
-            turned = door.hinge_sign * sine * np.cross([0.0, 0.0, 1.0], to_base)
-            around_robot.append(hinge + cosine * to_base + turned + outline)
+            turned = door.hinge_sign * sine * np.cross([0.0, 0.0, 1.0], -hinge)
+            around_robot.append(hinge - cosine * hinge + turned + outline)
         elif robot.base == "mobile":
             around_robot.append(door.hand_radius * (along - to_lock) + outline)
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]

@@ -17,9 +17,8 @@ import mujoco
 from gplfd_env.conventions.constants import Array, Control
 from gplfd_env.doors.config import DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
-from gplfd_env.robot.collision import add_collisions, add_walls
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.model import GRIPS, Hold, load_robot
+from gplfd_env.robot.model import GRIPS, Hold, add_collisions, add_walls, load_robot
 from gplfd_env.robot.placement import (
     arm_addresses,
     quaternion,

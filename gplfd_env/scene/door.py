@@ -22,12 +22,7 @@ from gplfd_env.robot.placement import (
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT, FLAP_WIDTH
 from gplfd_env.scene.closer import add_closer, set_closer
-from gplfd_env.scene.handle import (
-    add_bar,
-    add_rocker,
-    add_turning_handle,
-    set_spring,
-)
+from gplfd_env.scene.handle import add_bar, add_rocker, add_turning_handle, set_spring
 from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.shapes import STEEL, add_box, add_rod
 from gplfd_env.scene.visuals import (

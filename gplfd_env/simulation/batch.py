@@ -12,8 +12,7 @@ from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
-from gplfd_env.simulation.command import ServoGains, servo_gains
-from gplfd_env.simulation.loads import ExtraInputs
+from gplfd_env.simulation.command import ExtraInputs, ServoGains, servo_gains
 from gplfd_env.simulation.single import BAD_STATE, Robot
 
 Rows = Sequence[int]
@@ -65,7 +64,7 @@ class SameStructureBatch:
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
         for row in rows if self._gains else ():
-            self._gains[row].set(*servo_gains(self._robot.command.rest[6:]))
+            self._gains[row].set(servo_gains(self._robot.command.rest[6:]))
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets the warning counts of these simulations to zero.
@@ -88,9 +87,9 @@ class SameStructureBatch:
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
         if self._gains:
-            gains = zip(*servo_gains(commands[:, 6:]), strict=True)
-            for servo, gain in zip(self._gains, gains, strict=True):
-                servo.set(*gain)
+            pairs = zip(self._gains, servo_gains(commands[:, 6:]), strict=True)
+            for servo, gains in pairs:
+                servo.set(gains)
         if changed:
             self._batch.set_models(self.models)
         self._batch.step(rows, nstep=self._substeps)

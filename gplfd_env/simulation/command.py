@@ -1,9 +1,10 @@
-"""Meaning of an action: a pose, or a pose and its stiffness, base twist or width."""
+"""Inputs of a simulation: the meaning of an action, external loads, further rates."""
 
 import math
 import reprlib
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,7 +16,7 @@ from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.robot.placement import standoff_pose
-from gplfd_env.robot.whole_body import SPEED
+from gplfd_env.robot.whole_body import SPEED, Planar
 
 STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
 """Commanded stiffness: translation [N/m], rotation [N m/rad]."""
@@ -97,25 +98,18 @@ class Command:
 
 def _command(control: Control, further: str, extra: ArrayLike, **more: Any) -> Command:
     """Return a command of a pose and further entries (least, greatest, rest)."""
-    low, high, rest = np.reshape(extra, (-1, 3)).T
-    hand = (
-        "commanded position [m] and rotation vector [rad] of the hand in the task frame"
-    )
-    return Command(
-        control=control,
-        low=np.concatenate([-_POSE_LIMIT, low]),
-        high=np.concatenate([_POSE_LIMIT, high]),
-        rest=np.concatenate([np.zeros(6), rest]),
-        meaning=hand + further,
-        **more,
-    )
+    pose = np.column_stack([-_POSE_LIMIT, _POSE_LIMIT, np.zeros(6)])
+    low, high, rest = np.vstack([pose, np.reshape(extra, (-1, 3))]).T.copy()
+    meaning = f"commanded position [m] and rotation vector [rad] of the hand{further}"
+    bounds = {"low": low, "high": high, "rest": rest}
+    return Command(control=control, meaning=meaning, **bounds, **more)
 
 
 COMMANDS: Final[dict[Control, Command]] = {
-    "pose": _command("pose", "", []),
+    "pose": _command("pose", " in the task frame", []),
     "impedance": _command(
         "impedance",
-        ", and its stiffness on these axes [N/m, N m/rad]",
+        " in the task frame, and its stiffness on these axes [N/m, N m/rad]",
         np.column_stack([_SOFTEST, _STIFFEST, _STIFFEST]),
     ),
 }
@@ -123,7 +117,7 @@ COMMANDS: Final[dict[Control, Command]] = {
 
 DRIVEN: Final = _command(
     "pose",
-    ", and twist of the base in its own axes [m/s, rad/s]",
+    " in the task frame, and twist of the base in its own axes [m/s, rad/s]",
     [(-limit, limit, 0.0) for limit in (SPEED[0], SPEED[0], SPEED[1])],
     drives=True,
 )
@@ -131,7 +125,7 @@ DRIVEN: Final = _command(
 
 GRIPPING: Final = _command(
     "pose",
-    ", and width of the gripper between its fingers [m]",
+    " in the task frame, and width of the gripper between its fingers [m]",
     (0.0, GRIPPER_WIDTH, 0.0),
     grips=True,
 )
@@ -148,17 +142,56 @@ class ServoGains:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._gain = model.actuator_gainprm[:6, 0]
-        self._spring = model.actuator_biasprm[:6, 1]
-        self._damper = model.actuator_biasprm[:6, 2]
+        self._biases = model.actuator_biasprm[:6, 1:3]
 
-    def set(self, gain: Array, spring: Array, damper: Array) -> None:
-        """Set the gains from `servo_gains`, each (6,)."""
-        self._gain[:] = gain
-        self._spring[:] = spring
-        self._damper[:] = damper
+    def set(self, gains: Array) -> None:
+        """Set the gains, a result of `servo_gains`, (6, 3)."""
+        self._gain[:], self._biases[:] = gains[:, 0], gains[:, 1:]
 
 
-def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
-    """Return gain, position bias and velocity bias of servos with a stiffness."""
+def servo_gains(stiffness: Array) -> Array:
+    """Return gain and biases of position and velocity for a stiffness, (..., 3)."""
     clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
-    return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT
+    damping = np.sqrt(clamped) * _DAMPING_OF_ROOT
+    return np.stack([clamped, -clamped, damping], axis=-1)
+
+
+Vector = tuple[float, float, float]
+
+
+class Loads(NamedTuple):
+    """External loads on the bodies of a simulation."""
+
+    hand: Vector  # Force on the gripper, world frame [N].
+    forearm: Vector  # Force on the forearm, world frame [N].
+    hinge: float  # Torque on the leaf about the upward axis [N m].
+    stop: float  # Angle at which the leaf meets a stop [rad].
+    friction: float  # Coulomb friction of the hinge [N m].
+
+    @property
+    def wrenches(self) -> tuple[tuple[float, ...], ...]:
+        """Force and torque on gripper, forearm and leaf, world frame [N, N m]."""
+        still = (0.0, 0.0, 0.0)
+        return (
+            (*self.hand, *still),
+            (*self.forearm, *still),
+            (*still, 0.0, 0.0, self.hinge),
+        )
+
+
+class ExtraInputs(NamedTuple):
+    """Inputs of simulations besides the hands' commands, by row of the simulation."""
+
+    loads: dict[int, Loads]  # External loads, of episodes with a disturbance.
+    base_rates: dict[int, Planar]  # Commanded rates of mobile bases.
+    gripper_widths: dict[int, float]  # Commanded widths of movable fingers [m].
+
+    def of(self, rows: Collection[int]) -> "ExtraInputs":
+        """Return the inputs of some simulations."""
+        parts: Any = [
+            {row: inputs[row] for row in rows if row in inputs} for inputs in self
+        ]
+        return ExtraInputs(*parts)
+
+
+NO_EXTRA_INPUTS: Final = ExtraInputs({}, {}, {})

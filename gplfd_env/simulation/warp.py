@@ -15,7 +15,7 @@ from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.batch import Rows, SameStructureBatch
-from gplfd_env.simulation.loads import ExtraInputs
+from gplfd_env.simulation.command import ExtraInputs
 from gplfd_env.simulation.single import Robot
 
 try:

@@ -58,8 +58,7 @@ def rotation_distance(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     w_a, vec_a = _quaternion(a)
     w_b, vec_b = _quaternion(b)
     w, vec = _quaternion_product(w_a, -vec_a, w_b, vec_b)
-    angle: Array = 2.0 * np.arctan2(np.linalg.norm(vec, axis=-1), np.abs(w))
-    return angle
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(vec, axis=-1), np.abs(w)))
 
 
 def pose_distance(
@@ -75,10 +74,8 @@ def pose_distance(
     b = np.asarray(b, dtype=np.float64)
     angle = rotation_distance(a[..., 3:], b[..., 3:])
     shift = np.linalg.norm(a[..., :3] - b[..., :3], axis=-1)
-    distance: Array = np.hypot(
-        sqrt(rotation_weight) * angle, sqrt(1.0 - rotation_weight) * shift
-    )
-    return distance
+    turn, move = sqrt(rotation_weight) * angle, sqrt(1.0 - rotation_weight) * shift
+    return np.asarray(np.hypot(turn, move))
 
 
 def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
@@ -104,8 +101,7 @@ def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
     shift = columns[:3, 1:] - columns[:3, :-1]
     squared_shift = np.einsum("ij,ij->j", shift, shift)
     squared = rotation_weight * angle**2 + (1.0 - rotation_weight) * squared_shift
-    steps: Array = np.sqrt(squared)
-    return steps
+    return np.asarray(np.sqrt(squared))
 
 
 def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:

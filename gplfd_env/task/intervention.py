@@ -13,7 +13,7 @@ from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
-from gplfd_env.simulation.loads import Loads, Vector
+from gplfd_env.simulation.command import Loads, Vector
 from gplfd_env.task.observation import DoorReading
 
 _SUBSTEPS: Final = 50
@@ -98,24 +98,16 @@ class Intervention:
         self._stuck = self._stuck and angle < _TOUCH
         if cause.breakaway and self._stuck:
             friction += cause.breakaway.stiction
-        return Loads(
-            hand, forearm, door.hinge_sign * door.swing_sign * hinge, stop, friction
-        )
+        hinge *= door.hinge_sign * door.swing_sign
+        return Loads(hand, forearm, hinge, stop, friction)
 
     def _in_world(self, sizes: Vector, reading: DoorReading) -> Vector:
         """Return a force [N] along the motion, upwards and outwards in world axes."""
-        a, b, c = (
-            self._door.swing_sign * sizes[0],
-            sizes[1],
-            self._door.hinge_sign * sizes[2],
-        )
+        a, b, c = sizes
+        a, c = self._door.swing_sign * a, self._door.hinge_sign * c
         axes: Any = reading.axes  # Numbers of one simulation.
-        x, y, z = zip(*axes, strict=True)
-        return (
-            a * x[0] + b * x[1] + c * x[2],
-            a * y[0] + b * y[1] + c * y[2],
-            a * z[0] + b * z[1] + c * z[2],
-        )
+        x, y, z = (a * i + b * j + c * k for i, j, k in zip(*axes, strict=True))
+        return x, y, z
 
     def _move_base(self, since: float | None, duration: float) -> None:
         """Update the base's displacement to the end of the period that begins now."""

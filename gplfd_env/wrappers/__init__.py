@@ -8,20 +8,19 @@ environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`
 
 from gplfd_env.task.opening import FAILURES
 from gplfd_env.task.stages import REASONS
-from gplfd_env.wrappers.flat_observation import (
-    FlatObservation,
-    VectorFlatObservation,
-    flat_of,
-)
-from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
-from gplfd_env.wrappers.numeric_info import NumericInfo, VectorNumericInfo
-from gplfd_env.wrappers.relative_action import (
+from gplfd_env.wrappers.forms import (
     LIMITS,
+    FlatObservation,
+    NumericInfo,
     RelativeAction,
+    VectorFlatObservation,
+    VectorNumericInfo,
     VectorRelativeAction,
     action_of,
     command_of,
+    flat_of,
 )
+from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
 
 __all__ = [
     "FAILURES",

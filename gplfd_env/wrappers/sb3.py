@@ -33,9 +33,8 @@ _OF_EACH: Final = {
 """Attributes of single environments, and the matching attributes of the vector one."""
 
 _NONE_ALONE: Final = (
-    "the simulations are one environment: none has its own attributes to set or "
-    "methods to call. Give differing values to gym.make_vec or to set_options, or use "
-    "Stable-Baselines3's DummyVecEnv"
+    "the simulations are one environment without attributes or methods of their own: "
+    "give differing values to gym.make_vec, or use Stable-Baselines3's DummyVecEnv"
 )
 
 
@@ -108,15 +107,12 @@ class SB3VecEnv(VecEnv):
         )
         split = _each(infos, self.num_envs)
         dones = terminations | truncations
-        if dones.any():
-            last = _each(infos["final_info"], self.num_envs)
-            for row in np.flatnonzero(dones).tolist():
-                begun, split[row] = split[row], last[row]
-                split[row]["terminal_observation"] = infos["final_obs"][row]
-                self.reset_infos[row] = begun
-        late = truncations & ~terminations
-        for info, cut in zip(split, late.tolist(), strict=True):
-            info["TimeLimit.truncated"] = cut
+        last = _each(infos["final_info"], self.num_envs) if dones.any() else []
+        for row in np.flatnonzero(dones).tolist():
+            self.reset_infos[row], split[row] = split[row], last[row]
+            split[row]["terminal_observation"] = infos["final_obs"][row]
+        for row, info in enumerate(split):
+            info["TimeLimit.truncated"] = bool(truncations[row] & ~terminations[row])
         return observations, rewards.astype(np.float32), dones, split
 
     def close(self) -> None:

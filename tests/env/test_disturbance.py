@@ -13,9 +13,7 @@ from scipy.integrate import solve_ivp
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.disturbance import (
-    Person,
-)
+from gplfd_env.doors.disturbance import Person
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.intervention import PersonHand

@@ -123,10 +123,7 @@ def test_wrong_actions_move_nothing(n, id, makers):
     for wrong, message in (
         (rest[..., :5], rf"{re.escape(str(shape))}.*got shape"),
         ("pull", "must be numbers of shape"),
-        (
-            np.where(rest == rest.min(), np.nan, rest),
-            "(?s)finite, got .*nan.*policy",
-        ),
+        (np.where(rest == rest.min(), np.nan, rest), "(?s)finite, got .*nan.*policy"),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(wrong)

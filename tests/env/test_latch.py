@@ -117,9 +117,7 @@ def test_a_door_that_is_closed_slowly_latches(torque, latched_door):
 
 def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
     """At rest in mid-air a joint's force is preload + stiffness * displacement."""
-    model, data = latched_door(
-        lockset={"handle_preload": 0.4, "handle_stiffness": 1.1},
-    )
+    model, data = latched_door(lockset={"handle_preload": 0.4, "handle_stiffness": 1.1})
     for name, place, force in (("handle", 0.5, 0.4 + 1.1 * 0.5), ("bolt", 0.004, 5.2)):
         data.joint(name).qpos = place
         mujoco.mj_forward(model, data)

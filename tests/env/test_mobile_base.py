@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import gplfd_env
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.robot.collision import OBSTACLES
 from gplfd_env.robot.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
+from gplfd_env.robot.model import OBSTACLES
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.whole_body import SPEED
 from gplfd_env.scene.build import build_scene

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import EN_1154, LEAF_HEIGHT
 from gplfd_env.doors.randomization import (
+    LEAVES,
     RANDOMIZATIONS,
     DoorRandomization,
     door_randomization,
+    standard_door,
 )
-from gplfd_env.doors.standard import LEAVES, standard_door
 from gplfd_env.doors.variation import Variation
 
 # Field: the widest range, as the page says; see test_environment_page.py.
@@ -129,11 +130,7 @@ def test_names_mappings_and_records():
     ("spec", "kind", "message"),
     [
         ("mid", ValueError, r"'mid' \(did you mean 'mild'\?\).*none, mild, hard"),
-        (
-            {"radus": (0, 1)},
-            ValueError,
-            r"'radus' \(did you mean 'ra.*fields: radius",
-        ),
+        ({"radus": (0, 1)}, ValueError, r"'radus' \(did you mean 'ra.*fields: radius"),
         (3, TypeError, r"3 \(int\)"),
         ({"radius": 0.4}, ValueError, r"\.radius = 0\.4 must be a pair of numbers"),
         ({"radius": ("0.4", 0.5)}, TypeError, r"must be a number, got '0\.4' \(str\)"),

@@ -38,11 +38,7 @@ def test_scene_keeps_the_urdf_bodies(base):
 
 @settings(max_examples=12)
 @both_bases
-@given(
-    share=st.floats(0, 1),
-    up=st.floats(0, 1),
-    handle_standoff=st.floats(0.06, 0.12),
-)
+@given(share=st.floats(0, 1), up=st.floats(0, 1), handle_standoff=st.floats(0.06, 0.12))
 def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(

@@ -1,0 +1,272 @@
+"""Other forms of actions, observations and infos: relative, flat, numeric."""
+
+import reprlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from gplfd_env.conventions.constants import Array, Info
+from gplfd_env.task.info import INFO, TEXTS
+
+LIMITS: Final = (0.03, 0.1)
+"""Greatest distance of the set-point from the hand: per axis [m], per component [rad].
+
+With the servo's 2000 N/m and 100 N m/rad they correspond to 60 N and 10 N m; its
+damping limits the free hand to 0.34 m/s and 1.3 rad/s.
+"""
+
+_SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
+
+
+def command_of(
+    action: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
+) -> Array:
+    """Return the commanded poses for actions: hand + limits · action.
+
+    Position and rotation vector are added component by component, in the task frame.
+
+    Args:
+        action: (..., 6), clamped to ±1; values that are not finite are kept.
+        hand: Observed poses of the hand, (..., 6) [m, rad].
+        limits: As in `RelativeAction`.
+    """
+    numbers = np.asarray(action, dtype=np.float64)
+    clamped = np.where(np.isfinite(numbers), np.clip(numbers, -1.0, 1.0), numbers)
+    return np.asarray(hand + np.repeat(limits, 3) * clamped)
+
+
+def action_of(
+    command: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
+) -> Array:
+    """Return the actions for commanded poses, not clamped, (..., 6).
+
+    The inverse of `command_of`, up to rounding, if no entry exceeds ±1. For imitation
+    of an agent that commands poses.
+    """
+    offset = np.asarray(command, dtype=np.float64) - hand
+    return np.asarray(offset / np.repeat(limits, 3))
+
+
+class _Relative:
+    """Reset and step with set-points relative to the hand, for one or many."""
+
+    env: Any
+
+    def _begin(self, space: spaces.Space[Any], limits: Any, *n: int) -> None:
+        """Check action space and limits; actions are (n, 6) or (6,) numbers."""
+        metres, radians = limits
+        if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
+            raise ValueError(
+                "limits must be a distance [m] and an angle [rad] above zero, got "
+                f"{limits}"
+            )
+        if space.shape != (6,):
+            raise ValueError(
+                "RelativeAction needs an environment whose action is a pose (6,), such "
+                f"as gplfd/DoorOpening-v1; got one with {space}"
+            )
+        self._limits, self._shape = (float(metres), float(radians)), (*n, 6)
+        self._hand: Array | None = None
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one in each environment."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._hand = observation["ee_pose"].copy()
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
+
+        Actions of simulations that are being reset or stand still are ignored. Raises a
+        ValueError for a wrong shape or a number that is not finite.
+        """
+        if self._hand is None:
+            raise gym.error.ResetNeeded("call reset() before the first step()")
+        try:
+            numbers = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.shape != self._shape:
+            raise ValueError(
+                f"the action must be numbers of shape {self._shape}, where the "
+                "set-point is relative to the hand in units of the limits; got "
+                f"{reprlib.repr(action)}"
+            )
+        observation, *outcome = self.env.step(
+            command_of(numbers, self._hand, self._limits)
+        )
+        self._hand = observation["ee_pose"].copy()
+        return (observation, *outcome)
+
+
+class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
+    """Define the set-point relative to the hand by an action within ±1.
+
+    The command is the observed pose of the hand plus the limits times the action. Thus
+    a zero action keeps the hand where it is, and the limits bound the force of the
+    servo. For ``gplfd/DoorOpening-v1`` and other environments that command poses and
+    observe ``ee_pose``.
+
+    Args:
+        env: Its observation is a dictionary, its action a pose (6,).
+        limits: Distance for an action of 1 per axis [m], angle per component [rad].
+
+    Raises:
+        ValueError: The environment's action is not a pose, or a limit is not positive.
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any], limits: tuple[float, float] = LIMITS
+    ) -> None:
+        super().__init__(env)
+        self.action_space = _SPACE
+        self._begin(env.action_space, limits)
+
+
+class VectorRelativeAction(
+    _Relative, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
+):
+    """`RelativeAction` for vector environments: actions (n, 6)."""
+
+    def __init__(
+        self,
+        env: gym.vector.VectorEnv[Any, Any, Any],
+        limits: tuple[float, float] = LIMITS,
+    ) -> None:
+        super().__init__(env)
+        self.single_action_space = _SPACE
+        self.action_space = batch_space(_SPACE, env.num_envs)
+        self._begin(env.single_action_space, limits, env.num_envs)
+
+
+Flat = NDArray[np.float32]
+
+
+def flat_of(observation: Mapping[str, Any]) -> Flat:
+    """Concatenate the vectors of a dictionary in order of names, (..., m).
+
+    For a policy that was trained on vectors and receives a dictionary.
+    """
+    vectors = [observation[name] for name in sorted(observation)]
+    return np.concatenate(vectors, axis=-1, dtype=np.float32)
+
+
+class _Flat:
+    """Reset and step of single or vector environments with flat observations."""
+
+    env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
+        """Begin an episode, or one in each environment."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return flat_of(observation), info
+
+    def step(self, action: Any) -> tuple[Flat, Any, Any, Any, Info]:
+        """Act for one control period."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if "final_obs" in info:
+            last = np.full(len(info["final_obs"]), None, dtype=object)
+            for row in np.flatnonzero(info["_final_obs"]):
+                last[row] = flat_of(info["final_obs"][row])
+            info = {**info, "final_obs": last}
+        return flat_of(observation), reward, terminated, truncated, info
+
+
+class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
+    """Concatenate the entries of the observation in the order of their names.
+
+    The order is the same as in Gymnasium's `FlattenObservation`; docs/environment.md
+    lists the indices.
+
+    Args:
+        env: Its observation space is a dictionary of vectors.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.observation_space = _flat_space(env.observation_space)
+
+
+class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+    """`FlatObservation` for vector environments: (n, m), ``final_obs`` included."""
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(env)
+        space = self.single_observation_space = _flat_space(
+            env.single_observation_space
+        )
+        self.observation_space = batch_space(space, env.num_envs)
+
+
+def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
+    entries = dict(space.spaces) if isinstance(space, spaces.Dict) else {}
+    boxes = [entries[name] for name in sorted(entries)]
+    if not boxes or any(
+        not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
+    ):
+        raise ValueError(
+            f"the observation must be a dictionary of vectors to be concatenated, got "
+            f"{space}"
+        )
+    low, high = (
+        np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)
+        for end in ("low", "high")
+    )
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+_CODES: Final = {
+    # A simulation without a value in this info has None, or 0 from Gymnasium.
+    name: {None: 0, 0: 0} | {text: n for n, text in enumerate(INFO[name].texts)}
+    for name in TEXTS
+}
+
+
+class _Coded:
+    """Reset and step of single or vector environments with codes in their infos."""
+
+    env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one in each environment."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, _coded(info)
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Command every hand for one control period."""
+        *outcome, info = self.env.step(action)
+        return (*outcome, _coded(info))
+
+
+class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
+    """Replace the strings of ``info`` by integers.
+
+    ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
+    `REASONS` and `gplfd_env.task.stages.STAGES`. For code that accepts only numbers,
+    such as `gymnasium.wrappers.NumpyToTorch`.
+    """
+
+
+class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+    """`NumericInfo` for vector environments: (n,) int64, with its mask."""
+
+
+def _coded(info: Mapping[str, Any]) -> Info:
+    """Return an info with codes, also in its masks and in ``final_info``."""
+    coded = dict(info)
+    for name, codes in _CODES.items():
+        if name in info:
+            of_each = np.vectorize(codes.__getitem__, otypes=[np.int64])(
+                coded.pop(name)
+            )
+            coded[f"{name}_code"] = of_each if of_each.ndim else int(of_each)
+        if f"_{name}" in info:
+            coded[f"_{name}_code"] = coded.pop(f"_{name}")
+    if "final_info" in info:
+        coded["final_info"] = _coded(info["final_info"])
+    return coded
