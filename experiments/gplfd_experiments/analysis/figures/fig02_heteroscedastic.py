@@ -26,12 +26,7 @@ from gplfd_policies.movements.skill import fit_skill
 
 TITLE: Final = "One noise level against a local one"
 DOORS: Final = ()
-LOW, HIGH, LIKELY, LOCAL = "low", "high", "likely", "local"
-_DEMONSTRATIONS: Final = 20
-_SETS: Final = 8
-_FRESH: Final = 1000
-_ENDS: Final = (PHASES < 0.1) | (PHASES > 0.9)
-_MIDDLE: Final = (PHASES > 0.4) & (PHASES < 0.6)
+_DEMONSTRATIONS, _SETS, _FRESH = 20, 8, 1000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,10 +45,10 @@ class ConstantNoise:
 
 
 _NOISES: Final[Mapping[str, str | NoiseModel]] = {
-    LOW: ConstantNoise(quantile=0.1),
-    HIGH: ConstantNoise(quantile=0.9),
-    LIKELY: "homoscedastic",
-    LOCAL: "map",
+    "low": ConstantNoise(quantile=0.1),
+    "high": ConstantNoise(quantile=0.9),
+    "likely": "homoscedastic",
+    "local": "map",
 }
 
 
@@ -79,22 +74,13 @@ def measure(material: Material) -> LocalNoise:
     fresh = true_height(PHASES) + deviations(_FRESH, fresh_rng)
     poses = np.repeat(fresh[..., None], 6, axis=-1)
     sets = [constrained_set(_DEMONSTRATIONS, rng) for rng in set_rngs]
-    policies = [
-        {
-            name: fit_skill(demonstrations, noise=noise).predict(PHASES)
-            for name, noise in _NOISES.items()
-        }
-        for demonstrations in sets
-    ]
+    policies = {
+        name: [fit_skill(shown, noise=noise).predict(PHASES) for shown in sets]
+        for name, noise in _NOISES.items()
+    }
     coverage = {
-        name: np.mean(
-            [
-                policy[name].inside(poses)[..., HEIGHT].mean(axis=0)
-                for policy in policies
-            ],
-            axis=0,
-        )
-        for name in _NOISES
+        name: np.mean([p.inside(poses)[..., HEIGHT].mean(axis=0) for p in fits], axis=0)
+        for name, fits in policies.items()
     }
     # 95 % range of the mean coverage of mean ± t s √(1 + 1/D), s² ~ σ² χ²/(D-1).
     free = _DEMONSTRATIONS - 1
@@ -106,7 +92,7 @@ def measure(material: Material) -> LocalNoise:
     low, high = np.quantile(estimated, [0.025, 0.975])
     return LocalNoise(
         demonstrations=sets[0].poses[:, :, HEIGHT],
-        policies=policies[0],
+        policies={name: fits[0] for name, fits in policies.items()},
         coverage=coverage,
         expected=(float(low), float(high)),
     )
@@ -116,7 +102,7 @@ def draw(shown: LocalNoise) -> Figure:
     """Draw the models, the noise, and the coverage of the bands."""
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
-    for panel, name in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
+    for panel, name in {"a": "low", "b": "high", "c": "local"}.items():
         height, policy = axes[panel], shown.policies[name]
         curves = shown.demonstrations.T
         height.plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
@@ -129,7 +115,8 @@ def draw(shown: LocalNoise) -> Figure:
 
     noise = axes["d"]
     noise.plot(PHASES, 1e3 * true_spread(PHASES), color=style.TRUTH, linestyle="--")
-    noise.plot(PHASES, 1e3 * shown.policies[LOCAL].std[:, HEIGHT], color=style.ADAPTED)
+    local = 1e3 * shown.policies["local"].std[:, HEIGHT]
+    noise.plot(PHASES, local, color=style.ADAPTED)
     noise.set(ylabel="standard deviation [mm]", ylim=(0.0, None))
     noise.legend(["true spread", "heteroscedastic GP"], loc="lower center")
 
@@ -138,10 +125,10 @@ def draw(shown: LocalNoise) -> Figure:
     covered.axhspan(low, high, color="0.92", linewidth=0.0, label="sampling error")
     covered.axhline(95.0, color="0.5", linewidth=0.6)
     for name, label, colour, line in (
-        (LOW, "ends (a)", style.BEFORE, ":"),
-        (HIGH, "middle (b)", style.BEFORE, "--"),
-        (LIKELY, "most likely", style.AXIS_X, "-"),
-        (LOCAL, "local (c)", style.ADAPTED, "-"),
+        ("low", "ends (a)", style.BEFORE, ":"),
+        ("high", "middle (b)", style.BEFORE, "--"),
+        ("likely", "most likely", style.AXIS_X, "-"),
+        ("local", "local (c)", style.ADAPTED, "-"),
     ):
         share = 100.0 * shown.coverage[name]
         covered.plot(PHASES, share, color=colour, linestyle=line, label=label)
@@ -150,25 +137,22 @@ def draw(shown: LocalNoise) -> Figure:
 
     for panel_axes in axes.values():
         panel_axes.set(xlabel="phase", xlim=(0.0, 1.0))
-    titles = (
-        "standard GP, noise of the ends",
-        "standard GP, noise of the middle",
-        "heteroscedastic GP",
-        "local noise",
-        f"coverage of the 95 % band, mean of {_SETS} sets",
-    )
+    standard = [f"standard GP, noise of the {part}" for part in ("ends", "middle")]
+    coverage = f"coverage of the 95 % band, mean of {_SETS} sets"
+    titles = [*standard, "heteroscedastic GP", "local noise", coverage]
     style.name_panels(axes.values(), titles)
     return figure
 
 
 def caption(shown: LocalNoise) -> str:
     """Describe the figure and state its numbers."""
+    ends, middle = abs(PHASES - 0.5) > 0.4, abs(PHASES - 0.5) < 0.1
     covered = ", ".join(
-        f"{100.0 * share[_ENDS].mean():.0f} % and {100.0 * share[_MIDDLE].mean():.0f} "
+        f"{100.0 * share[ends].mean():.0f} % and {100.0 * share[middle].mean():.0f} "
         f"% ({name})"
         for name, share in shown.coverage.items()
     )
-    local = 100.0 * shown.coverage[LOCAL]
+    local = 100.0 * shown.coverage["local"]
     low, high = (100.0 * bound for bound in shown.expected)
     return (
         f"Height of the hand in {len(shown.demonstrations)} synthetic pick-and-place "
