@@ -1,4 +1,4 @@
-"""Pictures and films for the documents.
+"""Pictures and films for the documents; what they show is in pictures.toml.
 
 MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors}
 
@@ -18,22 +18,21 @@ Without a screen MUJOCO_GL must be set before Python starts.
 
 import contextlib
 import itertools
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.conventions.constants import Base
-from gplfd_env.doors.config import DOORS, DoorSpec
+from gplfd_env.doors.config import DOORS
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
@@ -52,6 +51,7 @@ from gplfd_policies.arrays.storage import complete_or_absent
 Picture = NDArray[np.uint8]
 Points = NDArray[np.float64]
 
+_SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _PAUSE: Final = 1000
 """Duration of the last frame of an animation [ms]."""
 
@@ -66,112 +66,77 @@ def write_gif(
     # Median cut alone gives large areas of similar colour, such as walls, few shades,
     # which is visible as blotches.
     palette = Image.fromarray(several).quantize(colours, kmeans=4)
-    pictures = [
+    images = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
     ]
-    lasting = [round(1000.0 * period)] * len(pictures)
-    lasting[-1] = _PAUSE
+    lasting = [round(1000.0 * period)] * (len(images) - 1) + [_PAUSE]
+    look: dict[str, Any] = {"format": "GIF", "duration": lasting, "loop": 0}
     with complete_or_absent(path) as temporary:
-        pictures[0].save(
-            temporary,
-            format="GIF",
-            save_all=True,
-            append_images=pictures[1:],
-            duration=lasting,
-            loop=0,
-        )
+        images[0].save(temporary, save_all=True, append_images=images[1:], **look)
 
 
 # --- Gallery -----------------------------------------------------------------
 
-
-class Scene(NamedTuple):
-    """A door, its title, and the door angle at which it is drawn [deg]."""
-
-    title: str
-    door: DoorSpec
-    base: Base
-    angle: float
-
-
-SCENES: Final = (
-    Scene("cabinet", "cabinet", "fixed", 22.0),
-    Scene("wardrobe", "wardrobe", "fixed", 22.0),
-    Scene("room-834, lever: pull", "room-834", "mobile", 62.0),
-    Scene("room-834, push", {"preset": "room-834", "swing": "push"}, "mobile", 40.0),
-    Scene("heavy-fire, closer EN 4", "heavy-fire", "mobile", 22.0),
-    Scene(
-        "room-709, knob, just free",
-        {"preset": "room-709", "handle": "knob"},
-        "mobile",
-        4.0,
-    ),
-    Scene("bifold-closet", "bifold-closet", "mobile", 35.0),
-    Scene("barn-door", "barn-door", "mobile", 40.0),
-    Scene("plug-door", "plug-door", "mobile", 35.0),
-    Scene("oven", "oven", "mobile", 45.0),
-    Scene("overhead-flap", "overhead-flap", "mobile", 45.0),
-    Scene("kitchen-cupboard", "kitchen-cupboard", "fixed", 35.0),
-)
 _COLUMNS, _FRAME, _SHADES = 3, 12, 256
 """Columns of the gallery; control periods per frame and colours of an animation."""
 _MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 """The doors of the animations."""
 
 
-def pictured(scene: Scene, width: int) -> Picture:
-    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle."""
-    env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
-    for info in opening(env, as_agent(OracleAgent())):
-        if np.degrees(info["door_angle"]) >= scene.angle:
-            with overview(env, width) as camera:
-                return drawn(env, camera)
-    raise RuntimeError(f"{scene.title}: {info['failure'] or 'not opened'}")
+def opening(
+    env: gym.Env[Any, Any], agent: Agent, width: int
+) -> Iterator[tuple[dict[str, Any], Camera]]:
+    """Let an agent open a door; yield the state after every period, and a camera.
 
-
-def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
-    """Let an agent open a door; yield the state after every control period."""
+    The camera "overview" draws twice as many pixels in each direction, see `drawn`.
+    Raises RuntimeError if the door was not opened.
+    """
     inner: Any = env.unwrapped
     observation, info = env.reset(seed=0)
     agent.inform(inner.door_geometry)
     agent.reset(observation)
-    ended = False
-    while not ended:
-        yield info
-        step = agent.act(observation)
-        observation, _, terminated, truncated, info = env.step(step.action)
-        ended = terminated or truncated
-    yield info
-
-
-def overview(env: gym.Env[Any, Any], width: int) -> contextlib.closing[Camera]:
-    """Yield a renderer of the camera "overview" for pictures (3/4 width, width).
-
-    It draws twice as many pixels in each direction for smooth edges.
-    """
-    model = env.unwrapped.model  # type: ignore[attr-defined]
-    camera = Camera(model, 2 * width, 3 * width // 2, "overview", effects=True)
-    return contextlib.closing(camera)
+    size = 2 * width, 3 * width // 2
+    with contextlib.closing(
+        Camera(inner.model, *size, "overview", effects=True)
+    ) as camera:
+        ended = False
+        while not ended:
+            yield info, camera
+            step = agent.act(observation)
+            observation, _, terminated, truncated, info = env.step(step.action)
+            ended = terminated or truncated
+        yield info, camera
+    if not info["success"]:
+        raise RuntimeError(f"{inner.door}: {info['failure'] or 'not opened'}")
 
 
 def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
-    """Return the picture of a camera of `overview`."""
+    """Return the picture of a camera of `opening` for pictures (3/4 width, width)."""
     data = env.unwrapped.data  # type: ignore[attr-defined]
     return np.asarray(Image.fromarray(camera.picture("rgb_array", data)).reduce(2))
+
+
+def pictured(scene: Mapping[str, Any], width: int) -> Picture:
+    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle."""
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=scene["door"], base=scene["base"])
+    with contextlib.closing(opening(env, as_agent(OracleAgent()), width)) as states:
+        for info, camera in states:
+            if np.degrees(info["door_angle"]) >= scene["angle"]:
+                return drawn(env, camera)
+    raise RuntimeError(f"{scene['title']}: not opened so far")
 
 
 def film_opening(path: Path, door: str, width: int) -> None:
     """Let `gp` open a door that was not demonstrated, and write a GIF of it."""
     shown = Teacher().standard_demonstrations(seed=0, like=DOORS[door])
     env = gym.make(ENVIRONMENT_IDS["pose"], door=door, base="mobile")
+    states = enumerate(opening(env, make_agent("gp", shown), width))
+    frames = [
+        Image.fromarray(drawn(env, camera))
+        for number, (info, camera) in states
+        if number % _FRAME == 0 or info["success"]
+    ]
     inner: Any = env.unwrapped
-    frames = []
-    with overview(env, width) as camera:
-        for number, info in enumerate(opening(env, make_agent("gp", shown))):
-            if number % _FRAME == 0 or info["success"]:
-                frames.append(Image.fromarray(drawn(env, camera)))
-    if not info["success"]:
-        raise RuntimeError(f"{door}: {info['failure'] or 'not opened'}")
     write_gif(path, frames, _FRAME * inner.dt, _SHADES)
 
 
@@ -181,7 +146,6 @@ def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
     title, rows = 26, -(-len(pictures) // columns)
     whole = rows * (height + title)
     figure = Figure(figsize=(columns * width / 100.0, whole / 100.0), dpi=100)
-    FigureCanvasAgg(figure)
     for number, (name, picture) in enumerate(pictures.items()):
         row, column = divmod(number, columns)
         bottom = 1.0 - (row * (height + title) + height) / whole
@@ -193,18 +157,15 @@ def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
     return figure
 
 
-def gallery(
-    out: Path = Path("docs/images/gallery.png"),
-    width: int = 400,
-) -> None:
+def gallery(out: Path = Path("docs/images/gallery.png"), width: int = 400) -> None:
     """Draw the gallery, and the animations in the same folder; takes two minutes.
 
     Args:
         out: File of the gallery.
         width: Width of a picture [px].
     """
-    pictures = {scene.title: pictured(scene, width) for scene in SCENES}
-    figure = side_by_side(pictures, min(_COLUMNS, len(SCENES)))
+    pictures = {scene["title"]: pictured(scene, width) for scene in _SHOWN["gallery"]}
+    figure = side_by_side(pictures, _COLUMNS)
     with complete_or_absent(out) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
     for name, door in _MOVING.items():
@@ -213,68 +174,6 @@ def gallery(
 
 # --- Films of the trials -----------------------------------------------------
 
-
-class Shot(NamedTuple):
-    """Episode of a trial that is shown: a door and a level of the protocol."""
-
-    door: str
-    level: str
-    said: str
-    """Text above the picture."""
-    curve: str = "force_radial"
-    """Array of the log whose value is shown below the picture [N]."""
-
-
-SHOTS: Final = {
-    "radius": Shot("0.3", "beyond", "0.30 m; shown: 0.42, 0.50, 0.58 m"),
-    "further": Shot("medium", "nothing else", "shown to 45°, opened to 60°"),
-    "few": Shot("medium", "one per door", "one demonstration per door"),
-    "messy": Shot("large", "messy", "messy demonstrations"),
-    "rests": Shot("small", "rests", "demonstrations with long rests"),
-    "turned": Shot("medium", "± 5°", "the robot stands askew"),
-    "person": Shot(
-        "medium", "holds the hand", "somebody holds the hand", "person_force"
-    ),
-    "push": Shot(
-        "medium", "where they differ", "the hand is pushed for 0.3 s", "push_force"
-    ),
-    "stop": Shot("medium", "stop", "blocked for 2.5 s, then freed", "stop_force"),
-    "locked": Shot("medium", "locked", "the door is locked", "stop_force"),
-    "heavy": Shot("heavy", "24 N", "24 N at the handle", "force_tangential"),
-    "breakaway": Shot(
-        "medium", "breakaway", "the hinge sticks at first", "force_tangential"
-    ),
-    "delay": Shot("medium", "30 ms", "commands 30 ms late"),
-    "noise": Shot("medium", "× 4", "four-fold sensor noise"),
-    "motions": Shot(
-        "bifold-closet", "folding", "a folding door; shown: others", "force_tangential"
-    ),
-    "buildings": Shot("room-709", "knobs", "a knob and a closer", "force_tangential"),
-    "handle-pose": Shot("room-834", "2 cm", "believed 2 cm beside"),
-    "two-modes": Shot("0.6", "bars", "pull and push were shown", "force_tangential"),
-    "few-doors": Shot("bifold-closet", "folding, 1", "shown once", "force_tangential"),
-    "corrections": Shot(
-        "0.36", "oven, 1", "a stiff flap, corrected once before", "force_tangential"
-    ),
-    "another-handle": Shot(
-        "room-709", "knob", "a knob; levers were shown", "force_tangential"
-    ),
-    "forces-weight": Shot(
-        "heavy", "24 N", "24 N at the handle, shown: 2 N", "force_tangential"
-    ),
-    "forces-closer": Shot(
-        "room-959", "closers", "a lever with a closer", "force_tangential"
-    ),
-    "forces-person": Shot(
-        "room-834", "holds the hand, room", "somebody holds the hand", "person_force"
-    ),
-    "forces-blocked": Shot("medium", "locked", "the door is locked", "stop_force"),
-    "forces-seal": Shot(
-        "medium", "breakaway", "the hinge sticks at first", "force_tangential"
-    ),
-}
-"""Scenes by the name of the trial."""
-
 _NAMES: Final = {
     "force_radial": "across",
     "force_tangential": "along",
@@ -282,15 +181,14 @@ _NAMES: Final = {
     "push_force": "push",
     "stop_force": "on the stop",
 }
-"""Colours of lines in a picture."""
-
+"""Names of the arrays of a log that films show."""
 _EVERY, _PERIOD, _LONGEST = 0.2, 0.1, 9.4
 """Simulated and displayed time of a frame, and the longest simulated time [s]."""
 _COLOURS: Final = 128
 _BAR: Final = 20
 """Height of a line of text [px]."""
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)
-_SHOWN, _HAND = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
+_BLUE, _RED = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
 _OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
 _ABOVE: Final = np.array([0.0, 0.0, 1.6])
 """Height of lines above the hand, so that nothing hides them [m]."""
@@ -300,12 +198,12 @@ _BALL: Final = 0.012
 
 def task_of(name: str) -> EpisodeTask:
     """Return the episode of `gp` that is shown for a trial."""
-    shot = SHOTS[name]
+    film = _SHOWN["films"][name]
     (task,) = (
         task
         for task in trial_tasks(named_trials((name,)), part="small")
         if (task.policy, task.seed) == ("gp", 0)
-        and (task.door, task.level) == (shot.door, shot.level)
+        and (task.door, task.level) == (film["door"], film["level"])
     )
     return task
 
@@ -347,18 +245,15 @@ def film_frames(
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             # Paths and forces, above everything in the scene.
             above = origin + _ABOVE
-            for one in demonstrations:
-                _line(scene, above + one.poses[::10, :3] @ axes.T, _SHOWN, 0.007)
-            way = log.motion.ee_pose[: row + 1, :3] @ axes.T
-            _line(scene, above + way[::5], _HAND, 0.016)
-            force = max(
-                log.forces.push_force[row],
-                log.forces.person_force[row],
-                log.forces.stop_force[row],
-            )
+            for shown in demonstrations:
+                _line(scene, above + shown.poses[::10, :3] @ axes.T, _BLUE, 0.007)
+            path = log.motion.ee_pose[: row + 1, :3] @ axes.T
+            _line(scene, above + path[::5], _RED, 0.016)
+            names = ("push_force", "person_force", "stop_force")
+            force = max(getattr(log.forces, name)[row] for name in names)
             if force > 0.0:
                 ball = _next_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, _OUTSIDE)
-                ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + way[-1]
+                ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + path[-1]
             yield row, renderer.render()
 
 
@@ -387,19 +282,17 @@ def _next_geom(
 
 def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     """Write the film of a trial, with a line of text above and one below."""
-    task, shot = task_of(name), SHOTS[name]
-    log = episode_log(task)
-    shown = demonstrations_of(task).demonstrations
-    model = model_of(task)
-    curve = np.abs(getattr(log.forces, shot.curve))
-    angle, force = np.degrees(log.opening.door_angle), _NAMES[shot.curve]
+    task, film = task_of(name), _SHOWN["films"][name]
+    log, demonstrations = episode_log(task), demonstrations_of(task).demonstrations
+    curve = np.abs(getattr(log.forces, film["curve"]))
+    angle, force = np.degrees(log.opening.door_angle), _NAMES[film["curve"]]
     width, height = size
     pages = []
-    for row, picture in film_frames(log, model, shown, size):
+    for row, picture in film_frames(log, model_of(task), demonstrations, size):
         page = Image.new("RGB", (width, height + 2 * _BAR), _PAPER)
         page.paste(Image.fromarray(picture), (0, _BAR))
         draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
-        draw.text((6, 2), f"{name}: {shot.said}", _INK, font)
+        draw.text((6, 2), f"{name}: {film['text']}", _INK, font)
         below = (
             f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {force}, so far at most "
             f"{curve[: row + 1].max():.0f} N"
@@ -469,7 +362,7 @@ def doors(page: Path = Path("docs/gallery.md")) -> None:
     page.write_text(f"{before}{_MARKS[0]}{table}{end}{after}")
 
 
-COMMANDS: Final = {"gallery": gallery, "films": films, "doors": doors}
-
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict(COMMANDS)
+    tyro.extras.subcommand_cli_from_dict(
+        {"gallery": gallery, "films": films, "doors": doors}
+    )

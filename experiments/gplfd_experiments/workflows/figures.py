@@ -48,7 +48,7 @@ def draw_figures(
     check_folder(folder)
     write_json(folder / "figures.json", provenance(options))
     chosen = [name for name in FIGURES if not only or name in only]
-    doors = [door for name in chosen for door in FIGURES[name].DOORS]
+    doors = [door for name in chosen for door in FIGURES[name].doors]
     runs = material(folder / "logs", doors, seed=seed)
     bar = progress_bar(chosen, desc="figures", unit="figure")
     for name in bar:

@@ -3,58 +3,62 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Final
 
 from gplfd_experiments.analysis.figures import (
-    fig02_heteroscedastic,
-    fig03_alignment,
-    fig04_via_points,
-    fig06_policy,
-    fig07_region,
-    fig09_adaptation,
-    fig10_stiffness,
-    forecasts,
+    adaptation,
+    learned,
+    stiffness,
+    synthetic,
 )
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.material import Material, PaperFigure
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
 from gplfd_policies.arrays.storage import complete_or_absent
 
-FIGURES: Final[Mapping[str, ModuleType]] = {
-    "fig02": fig02_heteroscedastic,
-    "fig03": fig03_alignment,
-    "fig04": fig04_via_points,
-    "fig06": fig06_policy,
-    "fig07": fig07_region,
-    "fig09": fig09_adaptation,
-    "fig10": fig10_stiffness,
-    "forecasts": forecasts,
+FIGURES: Final[Mapping[str, PaperFigure]] = {
+    "fig02": PaperFigure("One noise level against a local one", synthetic.fig02),
+    "fig03": PaperFigure(
+        "Alignment by distance and by task completion", synthetic.fig03
+    ),
+    "fig04": PaperFigure("Strong and weak via-points", synthetic.fig04),
+    "fig06": PaperFigure(
+        "From demonstrations to a policy, output by output", learned.fig06
+    ),
+    "fig07": PaperFigure("The policy on the plane of the door", learned.fig07),
+    "fig09": PaperFigure(
+        "Adaptation while the door opens", adaptation.fig09, adaptation.DOORS
+    ),
+    "fig10": PaperFigure(
+        "Stiffness and its stability", stiffness.fig10, stiffness.DOORS
+    ),
+    "forecasts": PaperFigure(
+        "Forecasts of the rest of the opening", adaptation.forecasts, adaptation.DOORS
+    ),
 }
 """Figures of the paper by their number, and one additional figure."""
 
 CAPTIONS: Final = "captions.md"
 
 
-def draw_figure(name: str, given: Material, folder: Path) -> None:
+def draw_figure(name: str, material: Material, folder: Path) -> None:
     """Draw one of `FIGURES`; write NAME.png, NAME.svg and its section of captions."""
-    figure = FIGURES[name]
-    shown = figure.measure(given)
     with paper_style():
-        write_figure(figure.draw(shown), folder, name)
-    head = f"## {name}: {figure.TITLE} (seed {given.seed})"
-    update_captions(folder, name, f"{head}\n\n{figure.caption(shown)}\n")
+        figure, caption = FIGURES[name].draw(material)
+        write_figure(figure, folder, name)
+    head = f"## {name}: {FIGURES[name].title} (seed {material.seed})"
+    update_captions(folder, name, f"{head}\n\n{caption}\n")
 
 
 def update_captions(folder: Path, name: str, section: str) -> None:
     """Write a figure's section to the captions, in the order of `FIGURES`."""
     path = folder / CAPTIONS
-    there = path.read_text(encoding="utf-8") if path.is_file() else ""
-    _, *parts = re.split(r"^(?=## (\S+): )", there, flags=re.MULTILINE)
-    kept = {
-        old_name: old.rstrip("\n") + "\n"
-        for old_name, old in zip(parts[::2], parts[1::2], strict=True)
+    written = path.read_text(encoding="utf-8") if path.is_file() else ""
+    _, *parts = re.split(r"^(?=## (\S+): )", written, flags=re.MULTILINE)
+    sections = {
+        other: text.rstrip("\n") + "\n"
+        for other, text in zip(parts[::2], parts[1::2], strict=True)
     }
-    kept[name] = section
-    text = "\n".join(kept[each] for each in FIGURES if each in kept)
+    sections[name] = section
+    text = "\n".join(sections[figure] for figure in FIGURES if figure in sections)
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

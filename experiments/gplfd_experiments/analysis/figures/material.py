@@ -1,8 +1,10 @@
-"""Input of the figures: demonstrations and episodes."""
+"""Input of the figures, and the record of a figure."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
+
+from matplotlib.figure import Figure
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -18,3 +20,15 @@ class Material:
     seed: int
     demonstrations: LabelledDemonstrations
     episodes: Mapping[str, EpisodeLog]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperFigure:
+    """A figure of the paper, or one more; nothing is simulated."""
+
+    title: str
+    draw: Callable[[Material], tuple[Figure, str]]
+    """Returns the figure, and a paragraph about it, the paper's version and the
+    numbers."""
+    doors: tuple[str, ...] = ()
+    """Doors whose episodes it shows."""

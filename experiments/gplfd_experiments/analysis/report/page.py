@@ -2,7 +2,6 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -139,12 +138,29 @@ def _warnings(results: StudyResults) -> list[Block]:
     if failed := sum(bool(result.error) for result in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
+    if len({result.code for result in results.all}) > 1:
+        warnings.append(
+            "These results were not all made by the same code; differences between "
+            "policies may be differences between versions. Use another --out, or "
+            "delete the folder, to have one version."
+        )
     # A file that was edited between two parts of a study.
     sources = Counter(policy for policy, _ in _sources(results))
-    if mixed := sorted(policy for policy, number in sources.items() if number > 1):
+    if mixed := sorted(policy for policy, n in sources.items() if n > 1):
+        names = ", ".join(map(code, mixed))
+        text = f"Results of {names} come from more than one source file or version."
+        warnings.append(text)
+    # Tasks that only some policies ran.
+    every = {result.pair for result in results.episodes}
+    gaps = [
+        f"{code(policy)} {number}"
+        for policy, episodes in by_policy(results.episodes).items()
+        if (number := len(every - {result.pair for result in episodes}))
+    ]
+    if gaps:
         warnings.append(
-            f"Results of {_names(mixed)} come from more than one source file or "
-            "version."
+            f"Of the {len(every)} episodes that any policy ran, some have none: "
+            f"{', '.join(gaps)}. Rates count what was run; tests compare what both ran."
         )
     if missing := unfinished(results):
         warnings.append(f"{missing}.")
@@ -157,73 +173,46 @@ def _warnings(results: StudyResults) -> list[Block]:
 
 
 def _origin(results: StudyResults) -> list[Block]:
-    """Return provenance, counts, errors and what could not be read."""
-    blocks: list[Block] = []
-    codes = Counter(result.code for result in results.all)
-    if len(codes) == 1:
-        blocks.append(Text(f"All results were made by {literal(next(iter(codes)))}."))
-    else:
-        text = (
-            "These results were not all made by the same code; differences between "
-            "policies may be differences between versions. Use another --out, or "
-            "delete the folder, to have one version."
-        )
-        listed = sorted(codes.items(), key=lambda item: (-item[1], item[0]))
-        lines = "\n".join(f"{number} results: {name}" for name, number in listed)
-        blocks += [Text(text, "warning"), Text(lines, "verbatim")]
-    machines = {result.machine for result in results.all}
-    if len(machines) > 1:
-        text = (
-            f"These results were made on {len(machines)} kinds of machine: they are "
-            "equal only up to a tolerance, see `docs/reproducibility.md`."
-        )
-        blocks.append(Text(text))
-    if foreign := [(policy, source) for policy, source in _sources(results) if source]:
-        rows = tuple((code(policy), code(source)) for policy, source in foreign)
-        columns = ("policy of others", "source")
-        blocks.append(Table(columns=columns, rows=rows, left=True))
-    for title, key in (
-        ("Machine", "platform"),
-        ("Settings of the last command", "config"),
-    ):
-        if isinstance(entries := results.study.get(key), dict):
-            rows = tuple((literal(name), literal(entries[name])) for name in entries)
-            columns = ("name", "value")
-            blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
-
-    # Tasks that only some policies ran.
-    every = {result.pair for result in results.episodes}
-    gaps = [
-        f"{code(policy)} {missing}"
-        for policy, episodes in by_policy(results.episodes).items()
-        if (missing := len(every - {result.pair for result in episodes}))
+    """Return provenance, errors and what could not be read."""
+    codes = Counter(result.code for result in results.all).most_common()
+    machines = len({result.machine for result in results.all})
+    kinds = (
+        f"These results were made on {machines} kinds of machine: they are equal only "
+        "up to a tolerance, see `docs/reproducibility.md`."
+    )
+    blocks: list[Block] = [
+        Text("The results were made by"),
+        Text(
+            "\n".join(f"{number} results: {name}" for name, number in codes), "verbatim"
+        ),
+        *([Text(kinds)] if machines > 1 else []),
     ]
-    if gaps:
-        text = (
-            f"Of the {len(every)} episodes that any policy ran, some have none: "
-            f"{', '.join(gaps)}. Rates count what was run; tests compare what both ran."
+    foreign = [(policy, source) for policy, source in _sources(results) if source]
+    for title, entries in (
+        ("Machine", results.study.get("platform")),
+        ("Settings of the last command", results.study.get("config")),
+        ("Policies that are not this project's", foreign),
+    ):
+        pairs = entries.items() if isinstance(entries, dict) else entries or ()
+        rows = tuple((code(name), code(value)) for name, value in pairs)
+        columns = ("name", "value")
+        if rows:
+            blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
+    failed = [result for result in results.all if result.error]
+    reasons = grouped(failed, lambda result: result.error)
+    lines = [
+        f"{len(group)} × {'; '.join(dict.fromkeys(map(_subject, group)))}: {reason}"
+        for reason, group in sorted(
+            reasons.items(), key=lambda item: (-len(item[1]), item[0])
         )
-        blocks.append(Text(text, "warning"))
-
-    if failed := [result for result in results.all if result.error]:
-        reasons = grouped(failed, lambda result: result.error)
-        order = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
-        text = f"Tasks of {_names(by_policy(failed))} that ended in an error:"
-        lines = "\n".join(
-            f"{len(group)} × {'; '.join(dict.fromkeys(map(_subject, group)))}: {reason}"
-            for reason, group in order
-        )
-        blocks += [Text(text, "warning"), Text(lines, "verbatim")]
-    else:
-        blocks.append(Text("No task ended in an error."))
-    if results.unreadable:
-        lines = "\n".join(results.unreadable)
-        blocks += [Text(f"{_LEFT_OUT}:", "warning"), Text(lines, "verbatim")]
+    ]
+    for text, details in (
+        ("Tasks that ended in an error:", lines),
+        (f"{_LEFT_OUT}:", results.unreadable),
+    ):
+        if details:
+            blocks += [Text(text, "warning"), Text("\n".join(details), "verbatim")]
     return blocks
-
-
-def _names(policies: Iterable[str]) -> str:
-    return ", ".join(map(code, policies))
 
 
 def _sources(results: StudyResults) -> list[tuple[str, str]]:
