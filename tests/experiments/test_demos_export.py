@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.envs.camera import Camera
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
@@ -105,10 +104,6 @@ def test_uneven_steps_and_what_is_there_are_refused(shown, caplog):
     save_demonstrations("demonstrations.npz", [uneven])
     assert exported("b") == 2
     assert "not sampled at equal steps of" in caplog.text
-    save_demonstrations("demonstrations.npz", [one])
-    slow = Demonstration(times=2.123 * one.times, poses=one.poses)
-    save_demonstrations("demonstrations.npz", [one, slow])
-    assert exported("b") == 2
     assert not Path("b").exists()
 
 
@@ -148,14 +143,6 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes):
         assert_allclose(force, wrenches, rtol=1e-6)
         (motion,) = prepare([one], AS_RECORDED)
         assert_allclose(motion.demonstration.wrenches, -wrenches, rtol=1e-6)
-
-
-def test_pictures_without_opengl_are_refused(episodes, monkeypatch, caplog):
-    monkeypatch.setattr(Camera, "_without_opengl", "no picture without OpenGL (none)")
-    out = ["--out", "pictures", "--form", "lerobot", "--pictures", "overview"]
-    assert cli.main(["demos", "export", str(episodes), *out]) == 2
-    assert "--pictures: no picture without OpenGL (none)" in caplog.text
-    assert not Path("pictures").exists()
 
 
 @pytest.mark.needs("opengl")

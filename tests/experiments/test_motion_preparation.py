@@ -2,7 +2,6 @@
 
 import math
 import re
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -81,7 +80,6 @@ def some(raw: RawRecording, rows: Any) -> RawRecording:
 RAW = door()
 TIMES, POSITIONS, WXYZ = np.array(RAW.times), np.array(RAW.positions), RAW.quaternions
 GAPPY = some(RAW, np.abs(np.arange(401) - 220) > 40)
-STILL = np.tile(START, (401, 1))
 FAR = np.r_[TIMES[:-1], 1e9]
 
 
@@ -140,11 +138,8 @@ def test_signs_of_quaternions_do_not_matter():
     ("given", "settings", "message"),
     [
         ({"quaternions": 1.5 * WXYZ}, {}, r"quaternion of sample 0 has norm 1\.5"),
-        ({"times": None}, {}, "csv has no time stamps; say .* --recorded-rate 100"),
         ({"times": FAR}, {"segment": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
-        ({"times": 0.0 * TIMES}, {}, "door.csv: all samples have the same time"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
-        ({"positions": STILL}, {"segment": "turns"}, "door.csv: positions are const"),
         ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
     ],
 )
@@ -169,9 +164,7 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
             "3 samples of short jumps",
         ),
         (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
-        (moved(7, 9, [[1e300], [np.inf]]), 399, False, "2 of 401 samples missing"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
-        ({"positions": 1e2 * POSITIONS}, 401, True, "in centimetres? say --units"),
         ({"positions": 1e3 * POSITIONS}, 401, True, "are positions in millimetres?"),
         ({"positions": 1e-3 * POSITIONS}, 401, True, "mm: is the unit right?"),
     ],
@@ -182,59 +175,26 @@ def test_what_is_mended_or_suspicious_is_said(given, kept, warning, note):
     assert note in texts(motion, warnings=warning)
 
 
-def test_times_are_made_of_a_rate_and_gaps_are_bridged():
-    times = only(replace(door(), times=None), recorded_rate=RATE).demonstration.times
-    assert_array_equal(times, np.arange(401) / RATE)
-    bridged = only(GAPPY, rate=100.0)
-    assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
-    assert np.diff(bridged.demonstration.times).max() < 0.0101
-    message = r"no sample for 0\.41 s from 0\.90 s on; .*0\.42"
-    with pytest.raises(ValueError, match=message):
-        only(GAPPY, largest_gap=0.3)
-
-
 # ------------------------------------------------------------------ what is suspicious
 @pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
-    """Accepted with a warning, or refused before much memory is taken; both say how."""
     table = np.column_stack([np.asarray(RAW.times) / s, RAW.positions])
     lines = [",".join(map(repr, row)) for row in table.tolist()]
     (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
     (read,) = read_here(tmp_path / "a.csv", ANY)
-    tracemalloc.start()
-    try:
-        said = texts(only(read, ANY), warnings=True)
-    except ValueError as error:
-        said = str(error)
-    assert tracemalloc.get_traced_memory()[1] < 2**28
-    tracemalloc.stop()
-    assert f"are times in {unit}? say --time-unit {unit}" in said
+    assert f"are times in {unit}? say --time-unit {unit}" in read.notes[0]
     (read,) = read_here(tmp_path / "a.csv", ImportSettings(time_unit=unit))
     assert read.notes == ()
     assert_allclose(np.asarray(read.times), np.asarray(RAW.times), rtol=0, atol=1e-12)
 
 
-def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path):
-    (tmp_path / "a.csv").write_text("time [ms],x,y\n0,0,0\n0.02,0,1\n0.04,0,2\n")
-    (read,) = read_here(tmp_path / "a.csv", ANY)
-    assert "every 0.02 ms: are times in s? say --time-unit s, or" in read.notes[0]
-    for rate in (1.2, 30.0, 240.0, 1000.0, 4000.0):
-        (tmp_path / "b.csv").write_text(f"t,x,y\n0,0,0\n{1 / rate},0,1\n")
-        assert read_here(tmp_path / "b.csv", ANY)[0].notes == ()
-
-
 def test_samples_that_would_be_made_are_counted_first():
     """Of all recordings together; a few samples may span any time."""
     slow = replace(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
-    settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
+    settings = replace(AS_RECORDED, rate=10.0, largest_gap=1e4)
     assert len(only(slow, replace(settings, rate=1.0)).demonstration.times) == 30001
-    with pytest.raises(ValueError, match="3,000,001 samples, but at most 1,000,000"):
-        only(slow, settings)
     with pytest.raises(ValueError, match="300,001 samples, but at most 99,997 more"):
-        prepare([slow] * 4, replace(settings, rate=10.0))
-    parts = tuple((1e4 * k, 1e4 * (k + 1)) for k in range(3))
-    with pytest.raises(ValueError, match=r"#3: .* but at most 204,998 more"):
-        only(slow, replace(settings, rate=40.0, segment=parts))
+        prepare([slow] * 4, settings)
 
 
 @pytest.mark.parametrize("shift", [-1, 1])
@@ -243,37 +203,8 @@ def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift):
     assert "is the order correct?" in texts(only(wrong), warnings=True)
 
 
-def free_motion(rng: np.random.Generator) -> RawRecording:
-    """A hand that goes on some arc, and turns otherwise: a plate put down, a push."""
-    course = np.linspace(0.0, 1.0, 100)
-    axis, arm, turn = rng.normal(size=(3, 3))
-    axis /= np.linalg.norm(axis)
-    arm = np.cross(axis, arm)
-    way = minimum_jerk(course) * rng.uniform(0.4, 2.2)
-    arc = Rotation.from_rotvec(way[:, None] * axis).apply(arm * rng.uniform(0.2, 0.8))
-    turn *= rng.uniform(0.0, 2.5) / np.linalg.norm(turn)
-    own = minimum_jerk(course) if rng.random() < 0.5 else course ** rng.uniform(0.5, 2)
-    grip = Rotation.from_quat(rng.normal(size=4))
-    return RawRecording(
-        name="free",
-        times=course,
-        positions=arc + rng.normal(0.0, 0.002, (100, 3)),
-        unit="m",
-        quaternions=(Rotation.from_rotvec(own[:, None] * turn) * grip).as_quat(),
-    )
-
-
-def test_a_hand_that_turns_freely_is_seldom_told_of_its_order():
-    """3 of 400; before the share and time of the turning were asked for, 12.
-
-    On recordings of people who open a box, of which the order is changed, 15 of 18 are
-    found as before, and none of the nine as they are.
-    """
-    rng = np.random.default_rng(0)
-    motions = [free_motion(rng) for _ in range(400)]
-    poses = [usable(raw, ANY, Notes()).poses for raw in motions]
-    told = sum(suspicious_order(each) is not None for each in poses)
-    assert told <= 3
+def test_a_changed_order_is_noticed_in_recordings_of_people():
+    """Of nine who open a box, 15 of 18 are found, and none as they are."""
     found, wrongly = 0, 0
     for file in sorted((ROOT / "examples/recordings/openbox").glob("*.csv")):
         (raw,) = read_here(file, ANY)
@@ -282,10 +213,9 @@ def test_a_hand_that_turns_freely_is_seldom_told_of_its_order():
         ).poses
         wrongly += suspicious_order(opened) is not None
         for shift in (-1, 1):
-            changed_order = np.hstack(
-                [opened[:, :3], np.roll(opened[:, 3:], shift, axis=1)]
-            )
-            found += suspicious_order(changed_order) is not None
+            changed = np.roll(opened[:, 3:], shift, axis=1)
+            changed = np.hstack([opened[:, :3], changed])
+            found += suspicious_order(changed) is not None
     assert (found, wrongly) == (15, 0)
 
 
@@ -310,15 +240,14 @@ def test_the_filter_halves_its_cutoff_and_keeps_slow_motion():
     assert np.abs(still).max() < 2e-4
 
 
-def test_slow_recordings_are_not_filtered():
-    slow = some(door(), slice(None, None, 20))
-    motion = only(slow, cutoff=10.0, rate=50.0)
-    assert "not filtered: 21 samples at 10 Hz" in texts(motion)
-    # Equal steps from zero.
-    assert_allclose(motion.demonstration.times, np.arange(101) / 50.0, atol=1e-12)
-
-
 # ------------------------------------------------------------------ rests, repetitions
+def test_gaps_are_bridged_or_refused():
+    bridged = only(GAPPY, rate=100.0)
+    assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
+    with pytest.raises(ValueError, match=r"no sample for 0\.41 s from 0\.90 s on;"):
+        only(GAPPY, largest_gap=0.3)
+
+
 def test_rests_at_the_ends_are_cut():
     motion = only(door(rest=1.0), keep_rests=False)
     span = np.ptp(motion.demonstration.times)
@@ -344,15 +273,6 @@ def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
     grip = Rotation.from_quat(RAW.quaternions, scalar_first=True)[0]
     end = grip.inv().apply(RAW.positions[-1] - RAW.positions[0])
     assert_allclose(first[-1, :3], end, atol=5e-3)
-
-
-def test_repetitions_at_given_times():
-    settings = replace(AS_RECORDED, segment=((0.2, 2.8), (6.2, 8.8)))
-    first, second = prepare([back_and_forth()], settings)
-    assert first.demonstration.times[0] >= 0.2
-    assert second.demonstration.times[-1] <= 8.8
-    with pytest.raises(ValueError, match=r"no samples from 50 to 60 s .* lasts 9\.0"):
-        prepare([back_and_forth()], replace(AS_RECORDED, segment=((50, 60),)))
 
 
 def strokes(
@@ -401,20 +321,6 @@ def test_repetitions_lie_between_turns_however_messy(seed):
         assert after[2 * number] - pauses[2 * number - 1] - 0.4 <= first
         assert first <= after[2 * number] + 0.3
         assert ends[2 * number] - 0.3 <= last <= after[2 * number + 1] + 0.1
-
-
-def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition():
-    """The hand begins half-way, goes back to the closed door, and opens it twice."""
-    rng = np.random.default_rng(0)
-    raw, ends = strokes([0.8, 0.0, 1.2, 0.0, 1.2], [1.0] * 5, [0.1] * 5, rng)
-    begin = round((ends[0] + 0.05) * RATE)
-    later = replace(
-        raw, times=np.asarray(raw.times)[begin:], positions=raw.positions[begin:]
-    )
-    first, second = prepare([later], replace(AS_RECORDED, segment="turns"))
-    assert "2 repetitions between turns, 1 motions back" in texts(first)
-    assert_allclose(first.recorded.times[0], ends[1] - ends[0], atol=0.3)
-    assert_allclose(second.recorded.times[0], ends[3] - ends[0], atol=0.3)
 
 
 # ------------------------------------------------------------------ frames
@@ -591,12 +497,6 @@ def test_missing_forces_are_interpolated_or_left_out():
     assert motion.demonstration.wrenches is None
     said = "none for 0.61 s from 0.49 s on; .* --largest-gap 0.62"
     assert re.search(said, texts(motion, warnings=True))
-    # In the other repetition they are kept.
-    parts = ((0.0, 0.4), (1.2, 2.0))
-    raw = replace(RAW, wrenches=wrenches)
-    kept = prepare([raw], replace(AS_RECORDED, **HELD, segment=parts))
-    assert all(one.demonstration.wrenches is not None for one in kept)
-    assert "peak force [N]" in report(kept, AS_RECORDED)
 
 
 def test_forces_that_cannot_be_converted_are_left_out():
@@ -607,12 +507,6 @@ def test_forces_that_cannot_be_converted_are_left_out():
     assert "say --force-axes recorded if" in texts(motion, warnings=True)
     motion = only(flat, **HELD)
     assert_array_equal(motion.demonstration.wrenches, felt)
-    late = np.where(TIMES[:, None] < 0.5, np.nan, felt)
-    motion = only(replace(RAW, wrenches=late), force_rest=0.3)
-    assert motion.demonstration.wrenches is None
-    assert "forces left out: no sample in the first 0.3 s" in texts(
-        motion, warnings=True
-    )
 
 
 @pytest.mark.parametrize(
@@ -621,9 +515,7 @@ def test_forces_that_cannot_be_converted_are_left_out():
         ({"force_on": "door"}, "force_on 'door' must be one of hand, object"),
         ({"force_sensor": (0, 0, 0, 1, 1, 0, 0)}, "force_sensor = .* a unit quatern"),
         ({"force_sensor": SENSOR_POSE, "force_axes": "recorded"}, "turned in the hand"),
-        ({"tool_weight": math.nan}, "tool_weight = nan must be 0 to"),
         ({"gravity": (0.0, -1.0)}, "gravity = .* must be three numbers x,y,z"),
-        ({"gravity": (0.0, 0.0, 0.0)}, "gravity = 0,0,0 has no direction"),
         ({"rate": math.inf}, "rate = inf must be"),
         ({"frame": "world"}, "must be one of first-pose, recorded, hinge"),
         ({"segment": "fast"}, "must be none, rests, turns, or times"),

@@ -13,10 +13,8 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
-    MESSY,
     ROOM_RADII,
     TIDY,
-    ForceConfig,
     Habits,
     Teacher,
     TeacherConfig,
@@ -26,9 +24,7 @@ from gplfd_experiments.data.teacher.habits import irregular_timing, lose_samples
 from gplfd_experiments.data.teacher.handle_motion import (
     Press,
     draw_press,
-    duration,
     handle_angles,
-    press_and_opening,
 )
 from gplfd_experiments.data.teacher.random_motion import (
     coloured_noise,
@@ -36,7 +32,6 @@ from gplfd_experiments.data.teacher.random_motion import (
     smooth_functions,
 )
 from gplfd_experiments.studies.tasks import noisy_teacher
-from gplfd_policies import align
 
 NOISELESS: dict[str, float] = noisy_teacher(0.0)
 QUIET: dict[str, float] = {
@@ -60,14 +55,6 @@ def test_without_disturbances_the_hand_follows_the_closed_form_arc() -> None:
     zero = np.zeros_like(phi)
     arc = [0.5 * np.sin(phi), zero, -0.5 * (1 - np.cos(phi)), zero, phi, zero]
     assert_allclose(shown.poses, np.stack(arc, axis=1), atol=1e-12)
-
-
-def test_defaults_are_a_sampled_suit_recording_that_starts_at_zero() -> None:
-    demonstration = Teacher().demonstrate(0.5, rng())
-    assert_allclose(np.diff(demonstration.times), 1 / 60, rtol=1e-9)
-    assert np.all(demonstration.poses[0] == 0.0)
-    assert 4.0 < demonstration.times[-1] < 8.5
-    assert math.degrees(demonstration.poses[-1, 4]) == pytest.approx(67.0, abs=6.0)
 
 
 def test_more_doors_or_demonstrations_leave_the_earlier_ones_alone() -> None:
@@ -99,13 +86,6 @@ def test_grasp_offset_changes_the_apparent_arc_by_the_rotated_offset() -> None:
     assert 1e-3 < np.linalg.norm(offset[[0, 2]]) < 0.05
 
 
-def test_drift_is_vertical_and_linear() -> None:
-    shown = quiet(vertical_drift_std=0.001)
-    rate = shown.poses[-1, 1] / shown.times[-1]
-    assert_allclose(shown.poses[:, 1], rate * shown.times, atol=1e-12)
-    assert rate != 0.0
-
-
 def test_smooth_functions_have_the_stated_covariance() -> None:
     times = np.array([0.0, 0.5, 1.0, 2.0])
     values = smooth_functions(times, 1.0, 20_000, rng())
@@ -132,9 +112,7 @@ def test_coloured_noise_has_unit_variance_and_no_power_above_its_bandwidth() -> 
     ("call", "message"),
     [
         (lambda: TeacherConfig(duration_mean=0), r"Config\.duration_mean = 0.*\["),
-        (lambda: ForceConfig(effort_std=-1), r"ForceConfig\.effort_std = -1.*\["),
         (lambda: TeacherConfig(sampling_rate=math.nan), r"sampling_rate = nan.*\["),
-        (lambda: Habits(dropped=-1), r"Habits\.dropped = -1.*\["),
         (lambda: Teacher().demonstrate(-1.0, rng()), r"radius = -1\.0 is outside"),
         (lambda: Teacher().demonstrate_doors([], rng=rng()), "0 doors, per_door = 2"),
         (
@@ -191,24 +169,6 @@ def test_in_a_pause_the_door_goes_back_and_forth() -> None:
     assert 0.01 < max(most) <= 0.2 + 1e-9
 
 
-def test_haste_scales_durations_within_its_factor() -> None:
-    draws, habits = rng(), Habits(haste=2.0)
-    durations = [
-        irregular_timing(habits, 6.0, 100.0, draws)[0][-1] for _ in range(1000)
-    ]
-    assert 3.0 <= min(durations) < 3.05
-    assert 11.9 < max(durations) <= 12.01
-    assert np.median(durations) == pytest.approx(6.0, rel=0.1)
-
-
-def test_a_cut_recording_ends_early() -> None:
-    ends = [angles(Habits(cut=0.2), seed)[1][-1] for seed in range(8)]
-    whole = [angles(TIDY, seed)[1][-1] for seed in range(8)]
-    missing = np.subtract(whole, ends)
-    assert missing.min() >= 0.0
-    assert missing.max() > math.radians(2.0)
-
-
 def test_samples_are_lost_and_misplaced_as_told() -> None:
     poses = np.zeros((1000, 6))
     habits = Habits(dropped=0.2, outliers=3, outlier_distance=0.3)
@@ -224,16 +184,6 @@ def test_samples_are_lost_and_misplaced_as_told() -> None:
     # Few samples, and all the same nothing breaks.
     kept, _ = lose_samples(Habits(dropped=0.5, outliers=20), poses[:3], rng())
     assert kept.sum() >= 2
-
-
-@pytest.mark.filterwarnings("ignore:rests")
-def test_messy_recordings_can_be_learned_from() -> None:
-    shown = Teacher(habits=MESSY).demonstrate_doors((0.35, 0.5), 2, rng=rng(1))
-    assert max(np.diff(one.times).max() for one in shown) > 2.5 / 60.0
-    # The outlier's way there and back is no part of the task.
-    with pytest.warns(UserWarning, match="4 of 4 demonstrations have a raw path"):
-        aligned = align(shown)
-    assert np.isfinite(aligned.poses).all()
 
 
 # ------------------------------------------------------------------ handles
@@ -290,18 +240,6 @@ def test_a_left_door_is_the_mirror_of_a_right_one() -> None:
     left = shown(dataclasses.replace(LEVER, hinge_side="left"))
     mirrored = right * np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
     assert_allclose(left, mirrored, atol=1e-12)
-
-
-def test_a_bar_is_pulled_at_once_and_as_ever() -> None:
-    assert draw_press(DoorConfig(), rng(0)) == Press()
-    progress = np.linspace(0.0, 1.0, 11)
-    share, opening = press_and_opening(progress, Press(), 6.0)
-    assert_array_equal(opening, progress)
-    assert not share.any()
-    assert duration(Press(), 6.0) == 6.0
-    first = Teacher().demonstrate(0.5, rng(3))
-    second = Teacher().demonstrate(DoorConfig(radius=0.5), rng(3))
-    assert_array_equal(first.poses, second.poses)
 
 
 def test_nobody_turns_a_handle_beyond_its_stop() -> None:

@@ -11,7 +11,6 @@ from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
-from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_files
 from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
@@ -49,12 +48,10 @@ def import_recordings(
     """
     check_folder(folder.parent)
     check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
-    recordings: list[RawRecording] = []
-    for motions_of_file in progress_bar(
+    reading = progress_bar(
         read_files(files, settings), desc="reading", unit="file", total=len(files)
-    ):
-        recordings += motions_of_file
-    motions = prepare(recordings, settings)
+    )
+    motions = prepare([raw for recordings in reading for raw in recordings], settings)
     text = report(motions, settings)
     urdf = settings.urdf.name if settings.urdf else None
     origin = provenance(asdict(settings) | {"urdf": urdf})

@@ -110,9 +110,7 @@ def _stacked(rows: list[Any]) -> Any:
 
 
 def _storable(value: Any) -> Any:
-    """Return options with records as mappings, which resets also accept."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = dataclasses.asdict(value)
+    """Return options without None, which HDF5 does not store."""
     if not isinstance(value, Mapping):
         return value
     return {name: _storable(part) for name, part in value.items() if part is not None}
@@ -130,12 +128,11 @@ def write_dataset(
     """Write a data set; ``folder`` appears after the last episode.
 
     Args:
-        folder: Where the data set goes. Its name is the data set's id, so
-            ``MINARI_DATASETS_PATH`` set to the folder above it lets
-            ``minari.load_dataset`` find it.
+        folder: Where the data set goes. Its name is the data set's id, by which Minari
+            finds it if ``MINARI_DATASETS_PATH`` is the folder above.
         episodes: At least one; iterated after the check that the folder is writable.
-        env: Environment made by ``gym.make`` in which the episodes ran. Its
-            specification is stored for Minari's ``recover_environment``.
+        env: Environment made by ``gym.make`` in which the episodes ran, which Minari's
+            ``recover_environment`` makes again.
         policy: Name of the policy that acted.
         config: Settings of the recording, stored as metadata; JSON-able.
         overwrite: Replace an existing data set.
@@ -213,8 +210,7 @@ class Dataset:
             return gym.make(gym.spec(self.environment), **self.arguments)
         except (gym.error.Error, TypeError, ValueError) as error:
             raise ValueError(
-                f"{self.path}: the installed gplfd cannot make {self.environment} with "
-                f"{dict(self.arguments)!s:.200}: {error!s:.300}"
+                f"{self.path}: {self.environment} cannot be made again: {error!s:.300}"
             ) from error
 
     def contents(self) -> str:
@@ -222,25 +218,28 @@ class Dataset:
         rows = []
         for number in range(self.n_episodes):
             episode = self.episode(number)
+            infos = episode.infos
             row = {
                 "episode": str(number),
-                "radius [m]": f"{episode.infos['door_radius'][-1]:.3f}",
+                "radius [m]": f"{infos['door_radius'][-1]:.3f}",
                 "seed": str(episode.seed),
                 "steps": str(len(episode.rewards)),
                 "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
-                "angle [deg]": f"{math.degrees(episode.infos['door_angle'][-1]):.1f}",
+                "angle [deg]": f"{math.degrees(infos['door_angle'][-1]):.1f}",
                 "outcome": outcome(episode),
                 "return": f"{episode.rewards.sum():.3f}",
             }
             rows.append(row)
-        origin = self.origin
+        made = entry(self.origin, "created", str)
+        command = " ".join(entry(self.origin, "command", tuple[str, ...]))
+        versions = entry(self.origin, "versions", dict[str, str])
         return "\n".join(
             [
                 f"{self.stored.id}: policy {self.policy} in {self.environment}, "
                 f"{self.n_episodes} episodes",
                 self.stored.storage.metadata["description"],
-                f"recorded {origin['created']} by `{' '.join(origin['command'])}`",
-                ", ".join(f"{name} {v}" for name, v in origin["versions"].items()),
+                f"recorded {made} by `{command}`",
+                ", ".join(f"{name} {version}" for name, version in versions.items()),
                 "",
                 text_table(Table.of(rows)),
             ]
@@ -297,24 +296,15 @@ def open_dataset(path: str | Path) -> Dataset:
     metadata = read_json(folder / _METADATA)
     with naming(folder):
         if _KIND not in metadata:
-            raise ValueError(
-                "this data set was not recorded by `gplfd demos record`; it lacks the "
-                "physics states"
-            )
+            raise ValueError("this was not recorded by `gplfd demos record`")
         origin = entry(metadata, _KIND, dict[str, Any])
-        kinds = {"created": str, "command": tuple[str, ...], "versions": dict[str, str]}
-        for name, kind in kinds.items():
-            entry(origin, name, kind)
         # Without spaces, Minari makes the environment, which can be any code.
         for name in ("observation_space", "action_space"):
             entry(metadata, name, str)
         spec = parsed_json(entry(metadata, "env_spec", str))
         environment = entry(spec, "id", str)
         if not (environment.startswith("gplfd/") and environment in gym.registry):
-            raise ValueError(
-                f"the data set was recorded in {environment}, which is no environment "
-                "of gplfd"
-            )
+            raise ValueError(f"{environment} is no environment of gplfd")
         arguments = entry(spec, "kwargs", dict[str, Any])
         limit = entry(spec, "max_episode_steps", int | None)
         if limit is not None:

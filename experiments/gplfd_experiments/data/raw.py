@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 from gplfd_env.validation.named import nearest_name
-from gplfd_experiments.data.settings import METRES
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import freeze, read_only
 
@@ -20,8 +19,8 @@ class RawRecording:
     `gplfd_experiments.data.preparation` repairs and reports this.
 
     Raises:
-        ValueError: The shapes do not belong together, there are fewer than two
-            samples, or the unit is unknown.
+        ValueError: The shapes do not belong together, or there are fewer than two
+            samples.
     """
 
     name: str
@@ -29,7 +28,7 @@ class RawRecording:
     positions: FloatArray
     """Positions of the hand, (N, 3), in `unit`."""
     unit: str | None
-    """One of `METRES`; None if the file states none."""
+    """One of `settings.METRES`; None if the file states none."""
     times: FloatArray | None = None
     """Time stamps [s], (N,); None if the file has none."""
     quaternions: FloatArray | None = None
@@ -53,26 +52,20 @@ class RawRecording:
         signals = {name: read_only(array) for name, array in self.signals.items()}
         object.__setattr__(self, "signals", signals)
         rows = len(self.positions) if self.positions.ndim else 0
-        expected = {
-            "positions": (self.positions, (rows, 3)),
-            "times": (self.times, (rows,)),
-            "quaternions": (self.quaternions, (rows, 4)),
-            "wrenches": (self.wrenches, (rows, 6)),
-            **{name: (a, (rows, *a.shape[1:2])) for name, a in signals.items()},
-        }
-        for name, (array, shape) in expected.items():
-            if array is not None and (array.shape != shape or len(shape) > 2):
+        for name, array, shape in (
+            ("positions", self.positions, (rows, 3)),
+            ("times", self.times, (rows,)),
+            ("quaternions", self.quaternions, (rows, 4)),
+            ("wrenches", self.wrenches, (rows, 6)),
+            *((name, a, (rows, *a.shape[-1:])) for name, a in signals.items()),
+        ):
+            if array is not None and array.shape != shape:
                 raise ValueError(
                     f"{self.name}: {name} must have shape {shape}, got {array.shape}"
                 )
         if rows < 2:
             raise ValueError(
                 f"{self.name} has {rows} samples; a motion needs at least two"
-            )
-        if self.unit is not None and self.unit not in METRES:
-            raise ValueError(
-                f"{self.name}: unknown unit of length {self.unit!r:.40}; known are "
-                f"{', '.join(METRES)}"
             )
 
 

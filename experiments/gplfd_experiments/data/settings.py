@@ -77,7 +77,11 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
     return read
 
 
-def _frame(text: str) -> Any:
+def _columns(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
+
+
+def _frame(text: str) -> str | Pose:
     return numbers(POSE)(text) if "," in text else text
 
 
@@ -87,10 +91,6 @@ def _segments(text: str) -> Any:
         return tuple((float(start), float(end)) for start, end in parts)
     except ValueError:
         return text
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,7 +107,7 @@ class ImportSettings:
     """Moving object: a segment, joint, one or three markers, topic, array, or arrays
     A,B."""
 
-    columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _names)] = ()
+    columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _columns)] = ()
     """Names of the columns of a table without a header, in order, with - for a column
     to ignore; known names are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ...,
     gripper."""
@@ -220,7 +220,15 @@ class ImportSettings:
         for name in ("force_sensor", "offset", "frame"):
             pose = getattr(self, name)
             if pose is not None and not isinstance(pose, str):
-                object.__setattr__(self, name, unit_pose(name, pose))
+                norm = math.hypot(*pose[3:])
+                valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
+                if not valid or not math.isfinite(sum(pose)):
+                    raise ValueError(
+                        f"{name} = {pose} must be x,y,z [m] and a unit quaternion "
+                        "qw,qx,qy,qz"
+                    )
+                unit = (*pose[:3], *(part / norm for part in pose[3:]))
+                object.__setattr__(self, name, unit)
         for name in ("tool_centre", "gravity"):
             vector = getattr(self, name)
             if len(vector) != 3 or not math.isfinite(sum(vector)):
@@ -237,28 +245,12 @@ class ImportSettings:
                 f"frame {self.frame!r} must be one of {', '.join(_FRAMES)}, or a pose "
                 f"{POSE}"
             )
-        if isinstance(self.segment, str):
-            if self.segment not in ("none", "rests", "turns"):
-                raise ValueError(
-                    f"segment {self.segment!r} must be none, rests, turns, or times "
-                    "such as 1.5-4.2,6-9.5 [s]"
-                )
-            return
-        for start, end in self.segment:
+        named = self.segment in ("none", "rests", "turns")
+        if isinstance(self.segment, str) and not named:
+            raise ValueError(
+                f"segment {self.segment!r} must be none, rests, turns, or times such "
+                "as 1.5-4.2,6-9.5 [s]"
+            )
+        for start, end in () if isinstance(self.segment, str) else self.segment:
             if not start < end:
                 raise ValueError(f"a segment from {start} to {end} s ends too early")
-
-
-def unit_pose(name: str, pose: Pose) -> Pose:
-    """Return a pose with its quaternion normalised; the name is for messages.
-
-    Raises:
-        ValueError: It is not seven finite numbers, or the quaternion is no rotation.
-    """
-    norm = math.hypot(*pose[3:])
-    valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
-    if not valid or not math.isfinite(sum(pose)):
-        raise ValueError(
-            f"{name} = {pose} must be x,y,z [m] and a unit quaternion qw,qx,qy,qz"
-        )
-    return (*pose[:3], *(part / norm for part in pose[3:]))

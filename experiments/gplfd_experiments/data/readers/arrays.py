@@ -7,11 +7,10 @@ name are motions of one set.
 """
 
 import contextlib
-import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,6 @@ from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
-_Any = TypeVar("_Any")
 _Arrays = Mapping[str, FloatArray]
 
 _XYZW: Final = (*QUATERNION[1:], QUATERNION[0])
@@ -101,13 +99,15 @@ def recordings(
         raise ValueError(
             f"it has no array of positions: it has {_listed(numbers)}. Name one "
             "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
-            "say what the columns of an array are, --body NAME --columns t,x,y,z,... "
-            "with - for one to leave out; --body A,B takes two arrays side by side"
+            "say what the columns of one array, or two side by side, are: --body A,B "
+            "--columns t,x,y,z,... with - for one to leave out"
         )
-    _, group = chosen(settings.body, _sets(motions), "set of recordings", file=name)
+    _, keys = chosen(settings.body, _sets(motions), "set of recordings", file=name)
     return [
-        _from_names(name if len(group) == 1 else f"{name}: {key}", fields, settings)
-        for key, fields in group.items()
+        _from_names(
+            name if len(keys) == 1 else f"{name}: {key}", motions[key], settings
+        )
+        for key in keys
     ]
 
 
@@ -117,11 +117,11 @@ def _parted(key: str) -> tuple[str, str, str]:
     return where, _INDEX.sub("", field), "".join(_INDEX.findall(field))
 
 
-def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
-    """Return the arrays in cells or structures of one name as one set, in order."""
-    sets: dict[str, dict[str, _Any]] = {}
-    for key, content in named.items():
-        sets.setdefault(_INDEX.sub("", key), {})[key] = content
+def _sets(keys: Iterable[str]) -> dict[str, list[str]]:
+    """Return the cells or structures of one name as one set, in order."""
+    sets: dict[str, list[str]] = {}
+    for key in keys:
+        sets.setdefault(_INDEX.sub("", key), []).append(key)
     return sets
 
 
@@ -207,12 +207,8 @@ def _is_vector(array: FloatArray) -> bool:
 
 
 def _listed(arrays: _Arrays) -> str:
-    names = [
-        f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 12)
-    ]
-    if len(arrays) > len(names):
-        names.append(f"{len(arrays) - len(names)} more")
-    return ", ".join(names) or "no array of numbers"
+    names = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
+    return f"{names or 'no array of numbers':.400}"
 
 
 def _from_columns(
@@ -223,15 +219,15 @@ def _from_columns(
     Several arrays, ``--body A,B``, are joined side by side. Times in the same structure
     or file belong to the columns.
     """
-    sets = _sets({key: a for key, a in numbers.items() if 1 <= a.ndim <= 3})
+    sets = _sets(key for key, array in numbers.items() if 1 <= array.ndim <= 3)
     body, heads, parts = settings.body, settings.columns, [settings.body]
     if body is not None and body not in sets and "," in body:
         parts = [part.strip() for part in body.split(",")]
     else:
         sets = {
-            key: group
-            for key, group in sets.items()
-            if not any(_is_vector(array) or array.ndim < 2 for array in group.values())
+            name: keys
+            for name, keys in sets.items()
+            if not any(_is_vector(numbers[key]) for key in keys)
         }
     groups = [chosen(part, sets, "array of columns", file=file)[1] for part in parts]
     if len({len(group) for group in groups}) > 1:

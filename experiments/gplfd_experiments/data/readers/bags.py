@@ -5,7 +5,6 @@ link, joint states. A topic of WrenchStamped, the only one or ``--wrench``, give
 forces, on the clock of the hand.
 """
 
-from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -37,25 +36,20 @@ _POSES: Final = (
 
 _Row = tuple[float, ...]
 """Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
+_Track = list[tuple[int, _Row]]
+"""Rows with their stamps [ns]."""
 
 
-class _Track:
-    """Rows of numbers with their stamps [ns]."""
+def _stamp(message: Any, logged: int) -> int:
+    """Return the stamp of a message, or else the time of logging [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged
 
-    def __init__(self) -> None:
-        self.stamps, self.values = array("q"), array("d")
 
-    def add(self, message: Any, logged: int, row: _Row) -> None:
-        """Add a row with the stamp of its message, or with the time of logging."""
-        stamp = message.header.stamp
-        self.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged)
-        self.values.extend(row)
-
-    def arrays(self) -> tuple[FloatArray, FloatArray]:
-        """Return the times since the first stamp [s], (N,), and the rows, (N, d)."""
-        stamps = np.frombuffer(self.stamps, dtype=np.int64)
-        rows = np.frombuffer(self.values).reshape(len(stamps), -1)
-        return np.asarray((stamps - stamps[0]) * 1e-9), rows
+def _arrays(track: _Track) -> tuple[FloatArray, FloatArray]:
+    """Return the times since the first stamp [s], (N,), and the rows, (N, d)."""
+    stamps = np.array([stamp for stamp, _ in track], dtype=np.int64)
+    return np.asarray((stamps - stamps[0]) * 1e-9), np.array([row for _, row in track])
 
 
 def _pose(message: Any) -> _Row:
@@ -71,7 +65,8 @@ def _pose(message: Any) -> _Row:
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a topic, and the wrenches of another."""
-    hand, wrench = _Track(), _Track()
+    hand: _Track = []
+    wrench: _Track = []
     frames: set[str] = set()
     # With message types for bags without type descriptions.
     usual_types = get_typestore(Stores.ROS2_HUMBLE)
@@ -106,15 +101,16 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             message: Any = bag.deserialize(content, connection.msgtype)
             if connection.topic != topic:
                 f, t = message.wrench.force, message.wrench.torque
-                wrench.add(message, logged, (f.x, f.y, f.z, t.x, t.y, t.z))
+                row = (f.x, f.y, f.z, t.x, t.y, t.z)
+                wrench.append((_stamp(message, logged), row))
             elif kind not in _TRANSFORMS:
-                hand.add(message, logged, take(message))
+                hand.append((_stamp(message, logged), take(message)))
             else:
                 for transform in message.transforms:
                     frames.add(transform.child_frame_id)
                     if transform.child_frame_id == child:
-                        hand.add(transform, logged, _pose(transform))
-    if not hand.stamps:
+                        hand.append((_stamp(transform, logged), _pose(transform)))
+    if not hand:
         if not frames:
             raise ValueError(f"topic {topic} has no pose")
         problem = (
@@ -122,13 +118,13 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         )
         listed = ", ".join(sorted(frames)[:30])
         raise ValueError(f"{problem}: --body {topic}:FRAME, of {listed}")
-    times, poses = hand.arrays()
+    times, poses = _arrays(hand)
     wrenches = None
-    if wrench.stamps:
+    if wrench:
         # At the times of the poses; missing if no wrench was recorded close to a pose.
-        clock, rows = wrench.arrays()
+        clock, rows = _arrays(wrench)
         order = np.argsort(clock, kind="stable")
-        clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
+        clock = clock[order] + (wrench[0][0] - hand[0][0]) * 1e-9
         wrenches = interpolated(times, clock, rows[order])
         padded = np.concatenate([[-np.inf], clock, [np.inf]])
         after = np.searchsorted(clock, times) + 1

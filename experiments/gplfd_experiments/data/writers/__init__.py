@@ -91,12 +91,8 @@ def export_demonstrations(
 ) -> int:
     """Write a set of demonstrations or a data set of episodes for LeRobot.
 
-    Args:
-        source: The set or data set.
-        target: Folder to write.
-        rate: Rows per second of episodes; None for 100, or 10 with pictures.
-        cameras: Cameras of the pictures of episodes.
-        size: Width and height of the pictures [px].
+    Episodes are written with a number of rows per second (100, or 10 with pictures) and
+    the pictures of some cameras, whose size is width and height [px].
 
     Returns:
         The number of demonstrations.

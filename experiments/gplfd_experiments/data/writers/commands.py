@@ -43,7 +43,7 @@ def write_csv(file: Path, path: CommandedPath, about: Mapping[str, Any]) -> None
 
 
 def write_tum(file: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
-    """Write set-points as a trajectory of TUM: timestamp x y z qx qy qz qw."""
+    """Write set-points as a trajectory of TUM."""
     columns = np.hstack([path.times[:, None], states_of(path.poses)])
     _write(file, ["# timestamp x y z qx qy qz qw"], columns, " ")
 
