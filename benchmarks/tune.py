@@ -40,7 +40,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     learn,
 )
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
-from gplfd_policies.registry.tuning_spaces import SPACES, Values, tuned
+from gplfd_policies.registry.built_in import SPACES, Values, tuned
 
 EVALUATIONS: Final = 24
 """Candidates per method; the first has the published settings."""

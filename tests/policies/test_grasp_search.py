@@ -12,13 +12,14 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import AgentStep
-from gplfd_policies.agents.grasp_search import (
+from gplfd_policies.agents.reaching import (
     CLOSING,
     CONTACT_FORCE,
     SHAKE,
     GraspSearch,
+    ReachingAgent,
+    learn_reach,
 )
-from gplfd_policies.agents.reaching import ReachingAgent, learn_reach
 
 START = np.array([0.15, 0.01, -0.02, 0.0, 0.0, 0.0])
 DURATION = 1.5

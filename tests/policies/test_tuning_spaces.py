@@ -8,8 +8,8 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.registry.built_in import SPACES, tuned
 from gplfd_policies.registry.method import profile_of_spread
-from gplfd_policies.registry.tuning_spaces import SPACES, tuned
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

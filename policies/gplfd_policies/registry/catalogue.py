@@ -11,9 +11,8 @@ from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
-from gplfd_policies.registry.built_in import AS_PUBLISHED
+from gplfd_policies.registry.built_in import AS_PUBLISHED, SPACES, tuned, tuned_settings
 from gplfd_policies.registry.method import Method, Policy, PolicyOrigin, TrainingInput
-from gplfd_policies.registry.tuning_spaces import SPACES, tuned, tuned_settings
 from gplfd_policies.registry.user_policies import (
     module_policy,
     packaged_names,

@@ -21,8 +21,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
-from gplfd_policies.registry.built_in import TABLE_1
-from gplfd_policies.registry.tuning_spaces import tuned_settings
+from gplfd_policies.registry.built_in import TABLE_1, tuned_settings
 
 VERSION: Final = 9
 """Of the protocol."""

@@ -2,5 +2,5 @@
 
 None of them learns from a demonstration. The oracle knows the door. The others observe
 the hand's pose and the force on it, like every agent, and use a model of doors: any
-mechanism (`mechanism_fit`), a circle (`hinge_fit`), or a constant pull (`pulling`).
+mechanism (`mechanism`), a circle, or a constant pull (`following`).
 """

@@ -1,4 +1,8 @@
-"""Common parts of agents that find the path during the motion: path and compliance.
+"""Agents that find the path during the motion, and their path and compliance.
+
+The simplest pull back, or in the direction of the last displacement: the last few
+centimetres of a handle's path are nearly tangent to its circle. `HingeFitAgent` fits a
+circle.
 
 The admittance is the same as in the learned agents, Eq. (22) of Arduengo et al.,
 arXiv:2002.09979, M ë + D ė + K e = F. Learned agents follow a learned path. An agent
@@ -15,9 +19,12 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle
 from gplfd_policies.arrays.shapes import Float, SixAxes
 from gplfd_policies.control.admittance import Admittance
-from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.load import CarriedLoad
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 Point = Float[np.ndarray, " 3"]
@@ -101,3 +108,141 @@ class CompliantSetPoint:
         action = desired + offset
         action[3:] = compose_rotvecs(offset[3:], desired[3:])
         return AgentStep(action=action, desired=desired, stiffness=_STIFFNESS, **known)
+
+
+_PULL_WRENCH: Final = np.array([16.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""Constant wrench that pulls the set-point away from the door [N, N m]. Tuned."""
+_LEAD: Final = 0.015
+"""Distance of the set-point ahead of the hand [m]: 30 N of the robot's servo."""
+_LEAD_RATE: Final = 0.015
+"""Rate at which the lead grows at first [m/s]. Tuned."""
+_SPEED: Final = 0.12
+"""Speed of the set-point that moves in the last direction [m/s]. Tuned."""
+
+
+class CompliantPullAgent:
+    """Pulls straight back with a constant force and yields to everything else."""
+
+    def __init__(self) -> None:
+        self.reset({})
+
+    def reset(self, observation: Observation) -> None:
+        """Begin at the closed door."""
+        self._set_point = CompliantSetPoint()
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        _, wrench = measured(observation)
+        return self._set_point.step(np.zeros(6), wrench + _PULL_WRENCH)
+
+
+class ChordAgent:
+    """Commands a point ahead of the hand, in the direction of its last displacement."""
+
+    def __init__(self) -> None:
+        self.reset({})
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._path = HandPath()
+        self._lead, self._action = 0.0, np.zeros(6)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        hand = measured(observation)[0][:3]
+        self._path.add(hand)
+        direction = self._path.direction()
+        turn = turned_towards(direction)
+        if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
+            farther = self._lead + _LEAD_RATE * CONTROL_PERIOD
+            self._lead = min(farther, _LEAD)
+            self._action = np.concatenate([hand + self._lead * direction, turn])
+        return AgentStep(action=self._action)
+
+
+class ReflexAgent:
+    """Moves in the direction of the last displacement; yields to forces across it."""
+
+    def __init__(self) -> None:
+        self._load = CarriedLoad()
+        self.reset({})
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._path, self._set_point = HandPath(), CompliantSetPoint()
+        self._position = np.zeros(3)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        hand, wrench = measured(observation)
+        self._path.add(hand[:3])
+        direction = self._path.direction()
+        turn = turned_towards(direction)
+        load = self._load.compensate(wrench, direction)
+        if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
+            self._position += _SPEED * CONTROL_PERIOD * load.pace * direction
+        desired = np.concatenate([self._position, turn])
+        return self._set_point.step(desired, load.compliant_wrench)
+
+
+_ANGULAR_SPEED: Final = 0.25
+"""Angular speed of the opening [rad/s]. Tuned."""
+_ANGULAR_ACCELERATION: Final = 0.125
+"""Angular acceleration and deceleration [rad/s²]. Tuned."""
+
+
+class HingeFitAgent:
+    """Finds the hinge while it opens the door, and follows the circle about it.
+
+    The hand moves along the circle estimated from its path so far and turns with the
+    angle. It yields to every force except the door's resistance along the path: a
+    lasting radial force, which shows that the circle is wrong, displaces the command.
+    """
+
+    def __init__(self) -> None:
+        self._load = CarriedLoad()
+        self.reset({})
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed door."""
+        self._path, self._set_point = HandPath(), CompliantSetPoint()
+        self._circle = Circle.expected(UPRIGHT)
+        self._door = self._circle.door()
+        # A length, not an angle: a change of radius moves the set-point only sideways.
+        self._travelled = self._speed = 0.0
+        self._fading = np.zeros(6)
+        self.observed_angle = 0.0
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        hand, wrench = measured(observation)
+        if self._path.add(hand[:3]):
+            # A new estimate: the command changes to it without a jump.
+            before = self._door.hand_poses(self._angle)
+            self._circle = self._circle.updated(self._path.points)
+            self._door = self._circle.door()
+            self._fading += before - self._door.hand_poses(self._angle)
+
+        # The set-point advances; it stops at the angle at which demonstrations end.
+        direction = self._door.direction(self._angle)
+        load = self._load.compensate(wrench, direction)
+        left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
+        self._speed = accelerated(
+            self._speed, left, _ANGULAR_ACCELERATION, _ANGULAR_SPEED
+        )
+        step = float(load.pace) * self._speed * CONTROL_PERIOD * self._door.radius
+        self._travelled = max(self._travelled + step, 0.0)
+
+        self._fading *= JUMP_DECAY
+        observed = self.observed_angle = float(self._door.angle(hand[:3]))
+        return self._set_point.step(
+            self._door.hand_poses(self._angle) + self._fading,
+            load.compliant_wrench,
+            phase=self._angle / DEMONSTRATED_ANGLE,
+            observed_phase=np.clip(observed / DEMONSTRATED_ANGLE, 0.0, 1.0),
+        )
+
+    @property
+    def _angle(self) -> float:
+        """Angle of the set-point on the current circle [rad]."""
+        return self._travelled / self._door.radius

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
+from gplfd_policies.agents.model_based.following import HingeFitAgent
 from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 
