@@ -71,11 +71,8 @@ class AdaptedMovement:
     """A movement conditioned on via-points; made by `adapt`."""
 
     movement: Movement
-    """The learned movement."""
     via_points: tuple[ViaPoint, ...]
-    """Its via-points."""
     form: AdaptationForm
-    """The form of adaptation."""
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """Return the conditioned distribution at ``times``.
@@ -114,9 +111,8 @@ def adapt(
         form: For a skill: "process" (default), for phases that are certain; "product"
             (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a single
             demonstration), for successive positions on a path of unknown size in the
-            x-z plane; or a callable (movement, grid) → `Adaptation`, such as
-            ``partial(ProductAdaptation, prior_mean="zero")``. Other movements have only
-            their own form, which is the default.
+            x-z plane; or a callable (movement, grid) → `Adaptation`. Other movements
+            have only their own form, which is the default.
 
     Returns:
         The adapted movement, which predicts like the movement.
@@ -138,14 +134,13 @@ def adapt(
             learned = movement.residual
         kind = type(learned).__name__
         if isinstance(learned, Skill):
-            if form is None:
-                form = "process" if learned.count > 1 else "similarity"
-            if form not in ADAPTATIONS:
+            name = form or ("process" if learned.count > 1 else "similarity")
+            if name not in ADAPTATIONS:
                 raise ValueError(
                     f"Unknown adaptation form {form!r}; choose from "
                     f"{sorted(ADAPTATIONS)}."
                 )
-            form = ADAPTATIONS[form]
+            form = ADAPTATIONS[name]
         elif not isinstance(learned, Adaptable):
             raise ValueError(
                 f"{kind} has no via-points: it is not a Skill and has no method "

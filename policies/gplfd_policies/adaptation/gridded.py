@@ -39,9 +39,8 @@ def look_ahead(phases: PerRow, start: PerRow) -> Float[np.ndarray, "*S"]:
 class GriddedMovement:
     """A movement under one form of adaptation, on a uniform grid of phases.
 
-    Between grid points mean and σ are interpolated linearly: at 100 points the arc of
-    a 0.65 m door is accurate within 0.06 mm. The form None is for a movement that does
-    not adapt.
+    Between grid points mean and σ are interpolated linearly: at 100 points the arc of a
+    0.65 m door is accurate within 0.06 mm. The form None does not adapt.
     """
 
     def __init__(
@@ -97,10 +96,9 @@ def _drifting(adapted: GaussianTrajectory, drift: Outputs) -> Covariances:
 
 
 class GriddedMovements:
-    """Movements on grids of equal size in one table, looked up together.
+    """Movements on grids of equal size in one table, adapted in place.
 
-    Either a single movement, whose arrays have no leading axis, or one per row; adapted
-    in place.
+    Either a single movement, whose arrays have no leading axis, or one per row.
     """
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
@@ -120,9 +118,7 @@ class GriddedMovements:
 
     def demonstrated(self) -> list[Float[np.ndarray, "K M 6"]]:
         """Return the poses from which each movement was learned."""
-        return [
-            movement.learned.aligned.demonstrated.poses for movement in self._movements
-        ]
+        return [m.learned.aligned.demonstrated.poses for m in self._movements]
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the via-points of these rows."""

@@ -402,9 +402,8 @@ def _mixed(
     shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
 ) -> np.ndarray:
     # No BLAS product: its order of summation depends on the processor.
-    return np.asarray(
-        sum(share * value for share, value in zip(shares, values, strict=True))
-    )
+    parts = zip(shares, values, strict=True)
+    return np.asarray(sum(share * value for share, value in parts))
 
 
 def _mixed_covariance(
@@ -433,9 +432,7 @@ def demonstrated_repetition(
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)
     if not 0.0 <= empirical_share <= 1.0:
-        raise ValueError(
-            f"empirical_share must be within [0, 1], got {empirical_share}."
-        )
+        raise ValueError(f"empirical_share must be within [0, 1]: {empirical_share}")
     processes, times = skill.processes, skill.aligned.times
     shortest = min(
         processes.shortest_length_scale,

@@ -1,5 +1,6 @@
 """The paper's adaptation: a product of Gaussians, Eqs. (19)–(21)."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -7,30 +8,22 @@ import numpy as np
 
 from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
 from gplfd_policies.gp.exact import ExactGP, factorise
-from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import Skill
 
 _STRONGEST = 1e-8
-"""Least via-point variance relative to the prior's, so that σ_v = 0 and repeated
-via-points keep the via-point process's covariance invertible."""
+"""Least via-point variance relative to the prior's, also for repeated via-points."""
 
 
 def product_of_gaussians(
     mean_d: Curve, covariance_d: Gram, mean_v: Curve, covariance_v: Gram
 ) -> tuple[Curve, Gram]:
-    """μ** and Σ** of Eqs. (20)–(21), in a symmetric form.
+    """μ** and Σ** of Eqs. (20)–(21), in a symmetric form without an inverse.
 
     With L Lᵀ = Σ^d + Σ^v and A = L⁻¹ Σ^d,
 
         Σ** = Σ^d (Σ^d + Σ^v)⁻¹ Σ^v = Σ^d − Aᵀ A,
-        μ** = μ^d + Aᵀ L⁻¹ (μ^v − μ^d),
-
-    This form needs no inverse and is symmetric by construction
-    (``test_product_equals_printed_equations``).
-
-    Raises:
-        ValueError: if Σ^d + Σ^v is not positive definite.
+        μ** = μ^d + Aᵀ L⁻¹ (μ^v − μ^d) (``test_product_equals_printed_equations``).
     """
     factor = factorise(covariance_d + covariance_v)
     half = factor.half_solve(covariance_d)
@@ -44,12 +37,11 @@ class ProductAdaptation:
     Implemented as printed. Two properties matter for its use:
 
     * The result depends on the number M of predicted phases: each counts as another
-      independent observation, so σ falls when the grid is refined, although no data
-      were added (``test_product_depends_on_the_grid``).
-    * Away from its via-points the via-point process returns to its prior mean. With
-      the paper's zero mean (``prior_mean="zero"``) that *pulls the policy to zero*; the
-      default here, the demonstrations' mean, does not
-      (``test_zero_prior_mean_pulls_the_policy``).
+      independent observation, so σ falls when the grid is refined
+      (``test_product_depends_on_the_grid``).
+    * Away from its via-points the via-point process returns to its prior mean. The
+      paper's zero mean *pulls the policy to zero*; the default here, the
+      demonstrations' mean, does not (``test_zero_prior_mean_pulls_the_policy``).
     """
 
     def __init__(
@@ -58,16 +50,10 @@ class ProductAdaptation:
         grid: Times,
         prior_mean: Literal["demonstration", "zero"] = "demonstration",
     ) -> None:
-        """Start from the demonstrations.
-
-        Args:
-            skill: the demonstrated skill.
-            grid: predicted phases, strictly increasing, shape (M,).
-            prior_mean: prior mean of the via-point process.
+        """Start from the demonstrations, on strictly increasing phases (M,).
 
         Raises:
-            ValueError: for an unknown prior mean, or a grid that is empty, not finite
-                or not increasing.
+            ValueError: for another grid, or an unknown prior mean of the via-points.
         """
         if prior_mean not in ("demonstration", "zero"):
             raise ValueError(
@@ -96,10 +82,8 @@ class ProductAdaptation:
                 if np.isfinite(point.noise_variance[output])
             ]
             process = self._skill.processes.outputs[output]
-            kernel = RBF(
-                length_scale=process.kernel.length_scale,
-                signal_std=process.kernel.signal_std * process.scale,
-            )
+            signal_std = process.kernel.signal_std * process.scale
+            kernel = replace(process.kernel, signal_std=signal_std)
             phases = np.array([point.phase for point in seen])
             values = np.array([point.pose[output] for point in seen])
             noise = np.array([point.noise_variance[output] for point in seen])
@@ -137,20 +121,20 @@ class ProductAdaptation:
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution; after a via-point, rates are differences."""
-        rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)
+        mean_rate, std_rate = self._demonstrated.mean_rate, self._demonstrated.std_rate
         grid = self._demonstrated.times
         if self._via_points and len(grid) > 1:
             order: Literal[1, 2] = 2 if len(grid) > 2 else 1
-            rates = (
-                np.gradient(self.mean, grid, axis=0, edge_order=order),
-                np.gradient(self.std, grid, axis=0, edge_order=order),
+            mean_rate, std_rate = (
+                np.gradient(curves, grid, axis=0, edge_order=order)
+                for curves in (self.mean, self.std)
             )
         return GaussianTrajectory(
             times=grid,
             mean=self.mean,
             std=self.std,
-            mean_rate=rates[0],
-            std_rate=rates[1],
+            mean_rate=mean_rate,
+            std_rate=std_rate,
             covariance_function=partial(np.asarray, self._covariances.copy()),
             degrees_of_freedom=self._skill.degrees_of_freedom,
         )

@@ -1,15 +1,14 @@
 """Adaptation of the size, heading and deviation of the demonstrated path.
 
-This form is ours. A repetition of the task is the demonstrated path m of mean size,
-scaled by c, rotated by ψ, and with a smooth deviation f,
+A repetition of the task is the demonstrated path m of mean size, scaled by c, rotated
+by ψ, and with a smooth deviation f,
 
     p(s) = c exp(i (ψ + σ(s) f(s)/|m(s)|)) m(s)
 
 in the horizontal plane (`gplfd_policies.demonstrations.path_similarity`). A filter
-along the path so far estimates c, ψ and f; the forecast is the resulting mixture over
-sizes. Height and rotation do not depend on size: each deviates by σ_i(s) (√g b_i + √(1
-- g) f_i(s)), with b_i constant and f_i smooth, and has its own filter over the phases
-of the via-points.
+along the path so far estimates c, ψ and f; the forecast is the mixture over sizes.
+Height and rotation do not depend on size: each deviates by σ_i(s) (√g b_i + √(1 - g)
+f_i(s)), b_i constant and f_i smooth, and has its own filter over the phases.
 """
 
 import math
@@ -46,8 +45,7 @@ class SimilarityAdaptation:
     """Conditioning of size, heading and deviation of the path, and of other outputs.
 
     A via-point may contain an estimate of size and heading (`ViaPoint.sizes`);
-    otherwise it is the next position of the path. Height and rotation are conditioned
-    separately.
+    otherwise it is the next position of the path.
     """
 
     def __init__(self, movement: Movement, grid: Times) -> None:
@@ -165,9 +163,8 @@ class SimilarityAdaptation:
         smooth_noise = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
         smooth_noise = smooth_noise + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
         both = a * left[0, 1] + b * left[0, 2]
-        share = _CONSTANT * left[0, 0] + smooth * (
-            2.0 * constant * both + smooth * smooth_noise
-        )
+        smooth_part = smooth * (2.0 * constant * both + smooth * smooth_noise)
+        share = _CONSTANT * left[0, 0] + smooth_part
         variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
         self._std = np.sqrt(variance)
 

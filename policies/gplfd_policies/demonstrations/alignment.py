@@ -124,9 +124,7 @@ def align(
         recorded = demonstrations
         demonstrations, rests = zip(*map(without_rests, recorded), strict=True)
         warn_of_rests(recorded, rests)
-    measured = [
-        measure_completion(demo, rotation_weight, denoise) for demo in demonstrations
-    ]
+    measured = [measure_completion(d, rotation_weight, denoise) for d in demonstrations]
     _warn_of_noise([length_ratio for _, length_ratio in measured], denoise)
 
     # Normalise time, and unwrap the rotations from the first demonstration's branch.

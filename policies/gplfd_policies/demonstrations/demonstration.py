@@ -48,9 +48,7 @@ class Demonstration:
                 f"θu_x, θu_y, θu_z, got {times.shape} and {poses.shape}"
             )
         if times.size < 2:
-            raise ValueError(
-                f"a demonstration needs at least two samples, got {times.size}"
-            )
+            raise ValueError(f"at least two samples are needed, got {times.size}")
         for name, rows in (("times", times[:, None]), ("poses", poses)):
             bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
             if bad.size:
@@ -132,9 +130,7 @@ class Demonstration:
         """
         positions = np.asarray(positions, dtype=np.float64)
         if positions.ndim != 2 or positions.shape[1] not in (2, 3):
-            raise ValueError(
-                f"positions must have shape (N, 3) or (N, 2), got {positions.shape}"
-            )
+            raise ValueError(f"positions must be (N, 3) or (N, 2): {positions.shape}")
         missing = ((0, 0), (0, 6 - positions.shape[1]))
         return cls(times=times, poses=np.pad(positions, missing))
 

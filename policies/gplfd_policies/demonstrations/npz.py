@@ -71,9 +71,7 @@ class LabelledDemonstrations:
                     )
         for radius in self.radii:
             if radius is not None and not 0.0 < radius < math.inf:
-                raise ValueError(
-                    f"a door's radius is {radius}; it must be positive [m], or None"
-                )
+                raise ValueError(f"radius is {radius}; it must be positive [m]")
 
 
 def save_demonstrations(

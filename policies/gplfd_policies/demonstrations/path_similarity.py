@@ -115,9 +115,8 @@ class SimilarityModel:
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
         visible = size_visibility(poses[:, aligned.times <= aligned.end], config)
         # If a path returns towards its start, only the way out is used.
-        furthest, first = np.unique(
-            np.maximum.accumulate(np.abs(path)), return_index=True
-        )
+        distances = np.maximum.accumulate(np.abs(path))
+        furthest, first = np.unique(distances, return_index=True)
         moved = furthest > _NEAREST
         first = first[moved]
         angles = np.unwrap(np.angle(path[first]))
@@ -219,9 +218,8 @@ class PathSimilarity:
         phase, expected, lateral_std = (np.interp(shrunk, distances, c) for c in curves)
         error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
         phase = np.maximum(phase, self.phase)
-        mean, covariance = advance(
-            self.mean, self.covariance, phase - self.phase, model.rate
-        )
+        step = phase - self.phase
+        mean, covariance = advance(self.mean, self.covariance, step, model.rate)
         # r = H (ψ, f, df/ds) + e.
         lateral_std = sizes * lateral_std
         gain = distance * covariance[0] + lateral_std * covariance[1]

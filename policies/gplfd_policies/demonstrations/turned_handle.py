@@ -166,9 +166,8 @@ def _turned_first(
             return None
         firsts.append(poses[turned, 3:] / angles[turned])
         lasts.append(poses[-1, 3:] / angles[-1])
-        rotations = scipy.spatial.transform.Rotation.from_rotvec(
-            poses[: turned + 1, 3:].copy()
-        )
+        rotvecs = poses[: turned + 1, 3:].copy()
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(rotvecs)
         rows.append(
             rotations.as_matrix().reshape(-1, 3) - np.tile(np.eye(3), (turned + 1, 1))
         )

@@ -95,9 +95,8 @@ class ExactGP:
     @cached_property
     def factor(self) -> CholeskyFactor:
         """Cholesky factor of K_y = K(t, t) + diag(noise); it reports its jitter."""
-        return factorise(
-            self.kernel(self.times, self.times) + np.diag(self.noise_variance)
-        )
+        gram = self.kernel(self.times, self.times)
+        return factorise(gram + np.diag(self.noise_variance))
 
     @cached_property
     def weights(self) -> Curve:
@@ -134,9 +133,8 @@ class ExactGP:
     def variance(self, times: Times) -> Curve:
         """Diagonal of :meth:`covariance`, never negative."""
         half = self.factor.half_solve(self.kernel(self.times, times))
-        return np.asarray(
-            np.maximum(self.kernel.variance - np.sum(half**2, axis=0), 0.0)
-        )
+        left = self.kernel.variance - np.sum(half**2, axis=0)
+        return np.asarray(np.maximum(left, 0.0))
 
     def rates(self, times: Times) -> tuple[Curve, Curve]:
         """Time derivatives of the mean and of the variance."""

@@ -55,19 +55,15 @@ class NoiseProfile:
     @staticmethod
     def basis_over(times: Times) -> LegendreBasis:
         """The basis of a profile over demonstrations at ``times``."""
-        return LegendreBasis(
-            start=float(times[0]), stop=float(times[-1]), size=_BASIS_SIZE
-        )
+        start, stop = float(times[0]), float(times[-1])
+        return LegendreBasis(start=start, stop=stop, size=_BASIS_SIZE)
 
     @classmethod
     def constant(cls, times: Times, variance: float) -> "NoiseProfile":
         """The same variance everywhere."""
         basis = cls.basis_over(times)
-        return cls(
-            level=float(np.log(variance)),
-            basis=basis,
-            coefficients=np.zeros(basis.size),
-        )
+        level, varying = float(np.log(variance)), np.zeros(basis.size)
+        return cls(level=level, basis=basis, coefficients=varying)
 
     def log_variance(self, times: Times) -> Curve:
         """Its logarithm at ``times``."""
@@ -150,9 +146,8 @@ class MapNoise(Quantities):
         observed = np.log(pooled) - float(scipy.special.digamma(half)) + np.log(half)
         level = float(np.mean(observed))
         variance = np.full(len(times), float(scipy.special.polygamma(1, half)))
-        kernel = fit_kernel(
-            times, observed - level, variance, shortest=self.shortest_scale
-        )
+        shortest = self.shortest_scale
+        kernel = fit_kernel(times, observed - level, variance, shortest=shortest)
         basis = NoiseProfile.basis_over(times)
         coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)
         return NoiseProfile(

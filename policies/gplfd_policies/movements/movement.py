@@ -57,7 +57,7 @@ def checked_times(times: np.ndarray) -> Times:
     times = np.asarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
         raise ValueError(
-            f"predict needs a list of finite phases, at least one; got {times}."
+            f"predict needs a list of finite phases, at least one: {times}"
         )
     return times
 
@@ -288,9 +288,7 @@ class ViaPoint:
             raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
         along = _of_outputs("along", self.along)
         if not np.isfinite(along).all():
-            raise ValueError(
-                f"A via-point's error along the path must be finite, got {along}."
-            )
+            raise ValueError(f"A via-point's along must be finite, got {along}.")
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "std", std)
         object.__setattr__(self, "along", along)

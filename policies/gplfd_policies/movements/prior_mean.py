@@ -1,8 +1,8 @@
 """Prior means of movements, and learning around them.
 
-A Gaussian process with the prior mean m(t) of Eq. (1) in Arduengo et al.,
-arXiv:2002.09979, is m(t) plus a process of prior mean zero, learned from the residual
-y − m(t). Variances do not depend on m(t), and via-points are shifted likewise
+A Gaussian process with the prior mean m(t) of Eq. (1) is m(t) plus a process of prior
+mean zero, learned from the residual y − m(t). Variances do not depend on m(t), and
+via-points are shifted
 (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
@@ -31,10 +31,9 @@ from gplfd_policies.movements.movement import (
 class PriorMean(Protocol):
     """Expected poses far from demonstrations.
 
-    Phases are those of the aligned demonstrations, 0 at their start and 1 at their end;
-    methods that continue beyond the end
-    (`gplfd_policies.registry.method.Method.beyond`) also use later phases. Rotation
-    vectors are on the same branch as those of the demonstrations.
+    Phases are those of the aligned demonstrations, 0 to 1, and later ones for methods
+    that continue beyond the end. Rotation vectors are on the branch of the
+    demonstrations.
     """
 
     def mean(self, times: Times) -> Outputs:
@@ -48,10 +47,8 @@ class PriorMean(Protocol):
 class PosePath:
     """A prior mean through given poses; read-only.
 
-    Between the poses each output follows a cubic without overshoot: it stays within the
-    range of its two neighbours. Before the first and after the last pose it is
-    constant. For the mean of other demonstrations use ``PosePath(phases=aligned.times,
-    poses=aligned.poses.mean(axis=0))``.
+    Between the poses each output follows a cubic without overshoot. Before the first
+    and after the last pose it is constant.
 
     Raises:
         ValueError: If a shape is wrong, an entry is not finite, or the phases do not
@@ -73,10 +70,11 @@ class PosePath:
                 "a path needs phases of shape (N,) and poses of shape (N, 6), N at "
                 f"least 2; got {phases.shape} and {poses.shape}"
             )
-        if not (np.isfinite(phases).all() and np.isfinite(poses).all()):
-            raise ValueError("phases and poses of a path must be finite")
-        if np.any(np.diff(phases) <= 0.0):
-            raise ValueError(f"phases of a path must increase strictly, got {phases}")
+        if not np.isfinite(poses).all() or not (np.diff(phases) > 0.0).all():
+            raise ValueError(
+                "phases of a path must increase strictly and poses be finite, got "
+                f"{phases} and {poses}"
+            )
 
     @cached_property
     def _curve(self) -> Any:
@@ -118,10 +116,8 @@ class ResidualMovement(LearnedMovement):
     """A prior mean and a movement learned from the residual; made by `fit_residual`."""
 
     prior_mean: PriorMean
-    """m(t)."""
     residual: Movement
-    """Movement learned from the demonstrations minus m(t), with a prior mean of
-    zero."""
+    """Movement learned from the demonstrations minus m(t), with prior mean zero."""
 
     def save(self, path: str | Path) -> None:
         """Raise an error: a prior mean may be any code, so it cannot be saved."""

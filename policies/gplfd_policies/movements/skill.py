@@ -277,9 +277,8 @@ def load_skill(path: str | Path) -> Skill:
                 if prefix + name in members
             }
             motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
-            corrections.append(
-                Correction(motion=Demonstration(**motion), **arrays, **origin)
-            )
+            demonstration = Demonstration(**motion)
+            corrections.append(Correction(motion=demonstration, **arrays, **origin))
         wrenches, others["corrections"] = members.get("wrenches"), tuple(corrections)
         return _part_of(members, "", wrenches, **others)
 

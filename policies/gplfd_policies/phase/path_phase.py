@@ -126,9 +126,8 @@ class PathPhase:
         handle, means, noise = turned_handle(aligned), prediction.mean, config.noise
         if handle is not None:
             aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
-            leaves, turns = zip(
-                *map(handle.swing_twist, means[:, 3:].tolist()), strict=True
-            )
+            split = map(handle.swing_twist, means[:, 3:].tolist())
+            leaves, turns = zip(*split, strict=True)
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
@@ -204,9 +203,8 @@ class PathPhase:
                     part + most * along
                     for part, along in zip(leaf, handle.axis, strict=True)
                 ]
-            similarity = self._similarities[number].updated(
-                math.hypot(x, z), math.atan2(-z, x)
-            )
+            similarity = self._similarities[number]
+            similarity = similarity.updated(math.hypot(x, z), math.atan2(-z, x))
             self._similarities[number] = similarity
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
@@ -297,9 +295,8 @@ class PathPhase:
         """
         pose, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
-        turning = np.add.reduce(
-            (features[1:4] - pose[1:4]) ** 2 * features[8:11], axis=0
-        )
+        turn = (features[1:4] - pose[1:4]) ** 2
+        turning = np.add.reduce(turn * features[8:11], axis=0)
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
         radial /= (

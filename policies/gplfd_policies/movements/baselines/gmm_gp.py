@@ -204,9 +204,8 @@ class GMMGaussianProcess(MomentMovement):
         missed = (standardisation.apply(poses) - mean).T.ravel()[entries]
         full = self.kernel(phases, phases).reshape(noise.size, noise.size)
         covariance = full[np.ix_(entries, entries)]
-        covariance[np.diag_indices_from(covariance)] += np.maximum(
-            noise[entries], _STRONGEST**2
-        )
+        noise = np.maximum(noise[entries], _STRONGEST**2)
+        covariance[np.diag_indices_from(covariance)] += noise
         along = (along / standardisation.scale).T.ravel()[entries]
         which = entries % max(len(phases), 1)
         covariance += np.where(which[:, None] == which, np.outer(along, along), 0.0)

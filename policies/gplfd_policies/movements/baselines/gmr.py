@@ -169,10 +169,8 @@ def fit_gmr(
     from sklearn.mixture import GaussianMixture
 
     # Expectation maximisation from one component for each of C equal bins of time.
-    bins = [
-        part.reshape(-1, 7)
-        for part in np.array_split(samples, config.components, axis=1)
-    ]
+    parts = np.array_split(samples, config.components, axis=1)
+    bins = [part.reshape(-1, 7) for part in parts]
     floor = config.regularisation * np.eye(7)
     precisions = [np.linalg.inv(np.cov(part.T, bias=True) + floor) for part in bins]
     mixture = GaussianMixture(

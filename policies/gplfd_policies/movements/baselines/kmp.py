@@ -215,9 +215,8 @@ def fit_kmp(
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)
     means, covariances = regression.standardised_moments(phases)
-    reference = Reference(
-        phases=phases, means=means, precisions=np.linalg.inv(covariances)
-    )
+    precisions = np.linalg.inv(covariances)
+    reference = Reference(phases=phases, means=means, precisions=precisions)
     return KernelizedMovementPrimitive(
         aligned=aligned, regression=regression, config=config, reference=reference
     )

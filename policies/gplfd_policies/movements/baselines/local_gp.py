@@ -1,12 +1,10 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010). A process with a single noise level cannot represent
-that demonstrations agree at some phases and differ at others. Many processes can, each
-with its own noise level and its own interval of the task.
-
-This is a **reconstruction** from descriptions by others, written without access to the
-original. Assumptions:
+Process Regression*, IROS 2010). Many processes, each with its own noise level and
+interval of the task, represent that demonstrations agree at some phases and differ at
+others. This is a **reconstruction** from descriptions by others, written without access
+to the original. Assumptions:
 
 * The phase is divided into clusters by k-means. For demonstrations on the same, evenly
   spaced phases these are intervals of equal length.
@@ -19,11 +17,9 @@ original. Assumptions:
 
       1/v = Σ_k w_k/v_k,   μ = v Σ_k w_k μ_k/v_k.
 
-  Without the exponents, C processes without data would give a variance C times too
-  small (``test_plain_product_is_over_confident``).
-* Outputs are independent and rotations are rotation vectors.
-
-The method has no via-points.
+Without the exponents, C processes without data would give a variance C times too small
+(``test_plain_product_is_over_confident``). * Outputs are independent and rotations are
+rotation vectors; there are no via-points.
 """
 
 from dataclasses import dataclass
@@ -60,14 +56,11 @@ class LocalGaussianProcesses(MomentMovement):
     """A movement of local Gaussian processes; made by `fit_local_gp`, immutable.
 
     The standard deviation includes σ_n,k, so it is the deviation of a repetition.
-    Outside the demonstrated range the processes of the outermost clusters return to
-    their priors.
     """
 
     centres: Float[np.ndarray, " C"]
-    """Centres c_k of the clusters, in phase."""
     width: float
-    """Standard deviation W of a cluster's weight, in phase."""
+    """Standard deviation W of a cluster's weight, as the centres c_k in phase."""
     processes: tuple[tuple[HeteroscedasticGP, ...], ...]
     """Per cluster the six processes, each with one noise variance."""
 
@@ -103,9 +96,7 @@ class LocalGaussianProcesses(MomentMovement):
     def _covariance(self, times: Times) -> Covariances:
         """Covariance over time of the product, whose mean is Σ_k (w_k v/v_k) μ_k.
 
-        The exponents give independent errors of the clusters with the covariances
-        C_k(t, t')/√(w_k w_k'), and thus Σ_k s_k(t) s_k(t') C_k(t, t') with the shares
-        s_k.
+        The errors of clusters are independent, C_k(t, t')/√(w_k w_k').
         """
         total = np.zeros((6, len(times), len(times)))
         *_, shares = self._product(times)
