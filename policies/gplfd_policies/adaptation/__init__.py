@@ -155,11 +155,8 @@ def adapt(
             form = OwnAdaptation
     # The scale of σ depends on the innovation of each via-point given the earlier ones.
     ordered = sorted(several, key=lambda point: (point.phase, tuple(point.pose)))
-    return AdaptedMovement(
-        movement=movement,
-        via_points=tuple(ordered),
-        form=form if ordered else NoAdaptation,
-    )
+    chosen = form if ordered else NoAdaptation
+    return AdaptedMovement(movement=movement, via_points=tuple(ordered), form=chosen)
 
 
 def begin_adaptation(

@@ -434,10 +434,8 @@ def demonstrated_repetition(
     if not 0.0 <= empirical_share <= 1.0:
         raise ValueError(f"empirical_share must be within [0, 1]: {empirical_share}")
     processes, times = skill.processes, skill.aligned.times
-    shortest = min(
-        processes.shortest_length_scale,
-        *(deviation.short_scale for deviation in skill.deviations),
-    )
+    scales = [deviation.short_scale for deviation in skill.deviations]
+    shortest = min(processes.shortest_length_scale, *scales)
     basis = basis_for_grid(times, grid, shortest)
     nodes, size = basis.nodes, basis.size
     prediction = skill.predict(nodes)

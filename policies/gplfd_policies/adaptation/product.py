@@ -77,9 +77,7 @@ class ProductAdaptation:
                 continue
             # μ^v and Σ^v: Eqs. (10)–(11) on the via-points, without R at the grid.
             seen = [
-                point
-                for point in self._via_points
-                if np.isfinite(point.noise_variance[output])
+                p for p in self._via_points if np.isfinite(p.noise_variance[output])
             ]
             process = self._skill.processes.outputs[output]
             signal_std = process.kernel.signal_std * process.scale
@@ -91,11 +89,9 @@ class ProductAdaptation:
             if self._prior_mean == "demonstration":
                 prior = demonstrated.mean[:, output]
                 values = values - self._skill.predict(phases).mean[:, output]
+            noise = np.maximum(noise, _STRONGEST * kernel.variance)
             via = ExactGP(
-                kernel=kernel,
-                times=phases,
-                values=values,
-                noise_variance=np.maximum(noise, _STRONGEST * kernel.variance),
+                kernel=kernel, times=phases, values=values, noise_variance=noise
             )
             mean, covariance = product_of_gaussians(
                 demonstrated.mean[:, output],

@@ -120,12 +120,9 @@ class SimilarityAdaptation:
         """The current distribution on the grid, with smooth deviations."""
         std = self._std.copy()
         (x, z), others = self._level, [std[:, [output]] for output in _OTHERS]
-        return GaussianTrajectory.from_moments(
-            self._grid,
-            self._mean.copy(),
-            std,
-            partial(_over_time, [x, others[0], z, *others[1:]], std),
-        )
+        covariance = partial(_over_time, [x, others[0], z, *others[1:]], std)
+        mean = self._mean.copy()
+        return GaussianTrajectory.from_moments(self._grid, mean, std, covariance)
 
     def _forecast(self) -> None:
         """Compute the moments on the grid."""

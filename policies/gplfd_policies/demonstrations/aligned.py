@@ -110,8 +110,7 @@ class AlignedDemonstrations:
             )
         if len(poses) < 1 or len(times) < 2:
             raise ValueError(
-                "at least one demonstration and two phases are needed, got "
-                f"{len(poses)} and {len(times)}"
+                f"a demonstration and two phases are needed: {poses.shape}"
             )
         if not (np.isfinite(poses).all() and np.isfinite(times).all()):
             raise ValueError("times and poses must be finite; drop NaN and inf first")

@@ -61,10 +61,7 @@ class Correction:
         if self.inputs is not None:
             freeze(self, "inputs")
             if self.inputs.ndim != 2 or len(self.inputs) != len(led):
-                raise ValueError(
-                    f"inputs must have a row for each of the {len(led)} samples, got "
-                    f"shape {self.inputs.shape}"
-                )
+                raise ValueError(f"inputs need {len(led)} rows: {self.inputs.shape}")
         led.setflags(write=False)
         object.__setattr__(self, "led", led)
 

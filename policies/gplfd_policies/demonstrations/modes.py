@@ -48,13 +48,8 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
         np.sqrt((part**2).sum(axis=2).mean(axis=1))
         for part in (poses[..., :3], poses[..., 3:])
     )
-    sizes = np.stack(
-        [
-            np.maximum(moved, _LEAST[0]),
-            np.maximum(np.maximum(turned, _LEAST[1]), moved / _ARM),
-        ],
-        axis=1,
-    )
+    turned = np.maximum(np.maximum(turned, _LEAST[1]), moved / _ARM)
+    sizes = np.stack([np.maximum(moved, _LEAST[0]), turned], axis=1)
     scaled = poses / np.repeat(sizes, 3, axis=1)[:, None, :]
     shapes: Float[np.ndarray, "K S"] = scaled.reshape(count, -1)
     tree = linkage(shapes / np.sqrt(poses.shape[1]), method="ward")

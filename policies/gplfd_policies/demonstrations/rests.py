@@ -59,11 +59,8 @@ def without_rests(
     """
     times, poses = demonstration.times, demonstration.poses
     # Extended by its mirror image, so that a path that ends at rest stays at rest.
-    smooth = np.asarray(
-        scipy.ndimage.gaussian_filter1d(
-            poses, _BLUR * len(poses), axis=0, mode="reflect"
-        )
-    )
+    blurred = scipy.ndimage.gaussian_filter1d
+    smooth = np.asarray(blurred(poses, _BLUR * len(poses), axis=0, mode="reflect"))
     # Slow intervals, from first to last sample.
     reach = _HALF_CHORD * (times[-1] - times[0])
     ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]

@@ -101,11 +101,9 @@ class Replicates:
 
     def condition(self, kernel: RBF, noise_variance: Curve) -> ExactGP:
         """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
+        times, noise = self.times, noise_variance / self.count
         return ExactGP(
-            kernel=kernel,
-            times=self.times,
-            values=self.mean,
-            noise_variance=noise_variance / self.count,
+            kernel=kernel, times=times, values=self.mean, noise_variance=noise
         )
 
 
@@ -131,10 +129,9 @@ class SpectralEvidence:
         """One pass over the samples; noise variances must be > 0."""
         root = 1.0 / np.sqrt(noise)
         whitened = values * root
+        design = basis.shared_matrix(times) * root[:, None]
         orthogonal, triangle = scipy.linalg.qr(
-            basis.shared_matrix(times) * root[:, None],
-            mode="economic",
-            check_finite=False,
+            design, mode="economic", check_finite=False
         )
         projected = orthogonal.T @ whitened
         return cls(

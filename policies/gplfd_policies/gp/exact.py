@@ -87,10 +87,7 @@ class ExactGP:
     def __post_init__(self) -> None:
         noise = self.noise_variance
         if not (np.isfinite(noise).all() and (noise >= 0.0).all()):
-            raise ValueError(
-                f"Noise variances must be finite and >= 0, got a range of "
-                f"[{np.min(noise)}, {np.max(noise)}]."
-            )
+            raise ValueError(f"Noise variances must be finite and >= 0, got {noise}.")
 
     @cached_property
     def factor(self) -> CholeskyFactor:

@@ -155,10 +155,7 @@ class LegendreBasis:
     def matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
         """a_i(t) at ``times`` inside the interval, by barycentric interpolation."""
         if not self.covers(times):
-            raise ValueError(
-                f"Times must lie in [{self.start}, {self.stop}], got a range of "
-                f"[{np.min(times)}, {np.max(times)}]."
-            )
+            raise ValueError(f"Times outside [{self.start}, {self.stop}]: {times}")
         nodes, roots, barycentric, _ = _unit_tables(self.size)
         x = (2.0 * times - (self.start + self.stop)) / (self.stop - self.start)
         distance = np.subtract.outer(x, nodes)

@@ -149,13 +149,9 @@ class MapNoise(Quantities):
         shortest = self.shortest_scale
         kernel = fit_kernel(times, observed - level, variance, shortest=shortest)
         basis = NoiseProfile.basis_over(times)
-        coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)
-        return NoiseProfile(
-            level=level,
-            basis=basis,
-            coefficients=coefficients,
-            floor=self.least_spread**2,
-        )
+        varying = _gamma_mode(basis, kernel, times, free, pooled, level)
+        floor = self.least_spread**2
+        return NoiseProfile(level=level, basis=basis, coefficients=varying, floor=floor)
 
 
 def _gamma_mode(

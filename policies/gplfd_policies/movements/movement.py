@@ -101,8 +101,7 @@ class GaussianTrajectory:
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(
-                "rates are differences, which need strictly increasing phases; got "
-                f"{times}."
+                f"differences need strictly increasing phases, got {times}."
             )
 
         def rate(curve: np.ndarray) -> np.ndarray:
@@ -323,8 +322,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
     numbers = np.asarray(value)
     if numbers.shape not in ((), (1,), (6,)):
         raise ValueError(
-            f"ViaPoint.{name} must be one number or six [m, rad], one per output; got "
-            f"shape {numbers.shape}."
+            f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
         )
     return read_only(np.broadcast_to(numbers, (6,)))
 

@@ -187,8 +187,6 @@ class ResidualAdaptation:
 
 def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:
     """Add the prior mean to the distribution of a residual."""
-    return replace(
-        rest,
-        mean=rest.mean + prior_mean.mean(rest.times),
-        mean_rate=rest.mean_rate + prior_mean.rate(rest.times),
-    )
+    mean = rest.mean + prior_mean.mean(rest.times)
+    rate = rest.mean_rate + prior_mean.rate(rest.times)
+    return replace(rest, mean=mean, mean_rate=rate)

@@ -167,11 +167,8 @@ class PathPhase:
         together._numbers = np.arange(len(together._rates) // _GRID.size)
         together._turned = [0.0 for rule in rules for _ in rule._handles]
         together._handles = [handle for rule in rules for handle in rule._handles]
-        together._similarities = [
-            similarity.model.prior()
-            for rule in rules
-            for similarity in rule._similarities
-        ]
+        similar = [path for rule in rules for path in rule._similarities]
+        together._similarities = [path.model.prior() for path in similar]
         return together
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
@@ -199,10 +196,8 @@ class PathPhase:
                 x, y, z = handle.axis_displacement(pose)
                 leaf, turn = handle.swing_twist(rotation)
                 most = self._turned[number] = max(self._turned[number], turn)
-                rotation = [
-                    part + most * along
-                    for part, along in zip(leaf, handle.axis, strict=True)
-                ]
+                pairs = zip(leaf, handle.axis, strict=True)
+                rotation = [part + most * along for part, along in pairs]
             similarity = self._similarities[number]
             similarity = similarity.updated(math.hypot(x, z), math.atan2(-z, x))
             self._similarities[number] = similarity
@@ -227,10 +222,8 @@ class PathPhase:
             near = self._features[:, column : column + edge]
         else:
             near = self._features.take(column[:, None] + self._stretch, axis=1)
-        costs = [
-            values.reshape(len(numbers), -1)
-            for values in self._cost(near, features, similar)
-        ]
+        ranges = self._cost(near, features, similar)
+        costs = [values.reshape(len(numbers), -1) for values in ranges]
 
         # Search the whole task if no phase near the last one fits.
         estimates, sizes = [], []
@@ -299,11 +292,8 @@ class PathPhase:
         turning = np.add.reduce(turn * features[8:11], axis=0)
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
-        radial /= (
-            self.settings.noise.position**2
-            + (self.settings.distance_share**2 + size_variance) * along[7]
-            + along[12]
-        )
+        share = self.settings.distance_share**2 + size_variance
+        radial /= self.settings.noise.position**2 + share * along[7] + along[12]
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2
         sideways += (y - along[5]) ** 2

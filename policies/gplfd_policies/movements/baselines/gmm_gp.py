@@ -256,9 +256,8 @@ def fit_gmm_gp(
         # it.
         options={"ftol": 1e-15, "gtol": 1e-5},
     )
+    lengths, power = np.exp(result.x[:-1]), config.weight_power
     kernel = MixtureKernel(
-        regression=regression,
-        length_scales=np.exp(result.x[:-1]),
-        weight_power=config.weight_power,
+        regression=regression, length_scales=lengths, weight_power=power
     )
     return GMMGaussianProcess(aligned=aligned, regression=regression, kernel=kernel)

@@ -347,13 +347,9 @@ def fit_wishart_gp(
     np.fill_diagonal(correlation, 1.0)
     pooled = np.asarray(correlation * np.outer(std, std))
     processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
-    prior = WishartPrior.over(
-        (float(times[0]), float(times[-1])),
-        config.length_scale,
-        pooled,
-        config.degrees,
-        config.floor,
-    )
+    interval = float(times[0]), float(times[-1])
+    shape = config.degrees, config.floor
+    prior = WishartPrior.over(interval, config.length_scale, pooled, *shape)
     kept = thinned(len(times), config.times)
     variability = sample_posterior(
         WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
