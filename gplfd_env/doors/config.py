@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, NamedTuple, get_args
 
 from gplfd_env.doors import hardware
 from gplfd_env.doors.parts import Closer, Leaf, Lockset, Mechanism
+from gplfd_env.doors.presets import preset_table
 from gplfd_env.validation.fields import (
     allowed_range,
     check_choice,
@@ -325,30 +326,9 @@ def _room(
     return DoorConfig(handle_height=1.05, seal=1.5, hinge_damping=0.2, **kind, **fields)
 
 
-def _moved(mass: float, friction: float, damping: float) -> dict[str, Any]:
-    """Return mass [kg], friction [N m] and damping [N m s/rad] of a leaf."""
-    return {
-        "panel_mass": mass, "hinge_friction": friction, "hinge_damping": damping,
-    }  # fmt: skip
-
-
-def _board(width: float | None, backset: float) -> Leaf:
-    """Return a leaf of furniture, 19 mm thick."""
-    return Leaf(width=width, backset=backset, thickness=0.019)
-
-
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
-    {
-        "small": DoorConfig(radius=0.35),
-        "medium": DoorConfig(radius=0.50),
-        "large": DoorConfig(radius=0.65),
-        "heavy": DoorConfig(hinge_friction=2.0, closer=Closer(preload=5.0)),
-        "cabinet": DoorConfig(
-            radius=0.36, leaf=_board(0.40, 0.04), stiction=1.5, **_moved(4.5, 0.1, 0.1)
-        ),
-        "wardrobe": DoorConfig(
-            radius=0.44, leaf=_board(0.50, 0.05), stiction=2.0, **_moved(12.0, 0.2, 0.2)
-        ),
+    preset_table("doors", DoorConfig())
+    | {
         "room-584": _room(0.584, "honeycomb"),
         "room-709": _room(0.709, "honeycomb"),
         "room-834": _room(0.834),
@@ -356,12 +336,6 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "office-closer-2": _room(0.834, "tubular-core", closer=hardware.en1154(2)),
         "heavy-fire": _room(
             0.959, "fire", closer=hardware.en1154(4), lockset=Lockset(bolt_preload=8.0)
-        ),
-        "bifold-closet": DoorConfig(
-            motion="folding",
-            radius=0.60,
-            leaf=Leaf(backset=0.16, thickness=0.035),
-            **_moved(12.0, 2.0, 1.0),
         ),
         "barn-door": DoorConfig(
             motion="sliding",
@@ -382,32 +356,8 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
             leaf=Leaf(thickness=0.07),
             **hardware.rollers(45.0, 0.75, 0.006),
         ),
-        "oven": DoorConfig(
-            motion="flap",
-            hinge_side="bottom",
-            radius=0.42,
-            closer=Closer(preload=4.0, stiffness=12.0),
-            **_moved(6.5, 1.0, 0.5),
-        ),
-        "overhead-flap": DoorConfig(
-            motion="flap",
-            hinge_side="top",
-            radius=0.34,
-            leaf=_board(None, 0.04),
-            handle_height=1.15,
-            closer=Closer(preload=3.0),
-            mechanism=Mechanism(strut_stiffness=8.0),
-            **_moved(4.5, 0.5, 0.5),
-        ),
         "rising-butt": DoorConfig(
             motion="rising-butt", **hardware.leaf(0.762, "tubular-core", backset=0.06)
-        ),
-        "kitchen-cupboard": DoorConfig(
-            motion="concealed-hinge",
-            radius=0.40,
-            leaf=_board(0.45, 0.05),
-            closer=Closer(boost=1.2),
-            **_moved(5.0, 0.2, 0.3),
         ),
     }
 )

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
+from gplfd_env.doors.presets import preset_table
 from gplfd_env.validation.fields import (
     Quantities,
     check_choice,
@@ -214,25 +215,8 @@ CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
 )
 """Record of each field of `Disturbance`, by its name."""
 
-_PUSH: Final = Push(along=(-15.0, 15.0), outward=(-15.0, 15.0), start_angle=(0.2, 0.8))
-_PERSON: Final = Person(start_angle=(0.35, 0.6))
-_BUMP: Final = Bump(forward=(-0.01, 0.01), left=(-0.01, 0.01), start_angle=(0.2, 0.8))
-
 DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
-    {
-        "none": Disturbance(),
-        "push": Disturbance(push=_PUSH),
-        "person": Disturbance(person=_PERSON),
-        "person-behind": Disturbance(
-            person=dataclasses.replace(_PERSON, on="door", one_sided=True)
-        ),
-        "stop": Disturbance(stop=Stop(angle=(0.35, 0.6), duration=2.5)),
-        "locked": Disturbance(stop=Stop()),
-        "bump": Disturbance(bump=_BUMP),
-        "breakaway": Disturbance(
-            breakaway=Breakaway(stiction=(2.0, 6.0), seal=(1.0, 3.0))
-        ),
-    }
+    preset_table("disturbances", Disturbance())
 )
 """Presets for ordinary doors, one kind of event each."""
 

@@ -18,6 +18,7 @@ from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
 from gplfd_env.doors.parts import Closer, Lockset
+from gplfd_env.doors.presets import preset_table
 from gplfd_env.doors.variation import Perception, Placement, SensorNoise, Variation
 from gplfd_env.validation.fields import (
     allowed_range,
@@ -218,40 +219,7 @@ def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
 
 
 RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(
-    {
-        "none": DoorRandomization(),
-        "mild": DoorRandomization(
-            hinge_friction=(0.2, 1.0),
-            hinge_damping=(0.2, 1.0),
-            panel_mass=(8.0, 16.0),
-            handle_height=(0.80, 0.85),
-            base_position=0.01,
-            base_yaw=math.radians(1.0),
-            grasp_height=0.02,
-            grasp_depth=0.002,
-            pose_noise=(0.0005, 0.002),
-            wrench_noise=(0.3, 0.02),
-            longest_delay=1,
-        ),
-        "hard": DoorRandomization(
-            radius=(0.30, 0.60),
-            hinge_friction=(0.0, 2.0),
-            hinge_damping=(0.0, 2.0),
-            closer_stiffness=(0.0, 1.0),
-            closer_preload=(0.0, 3.0),
-            panel_mass=(5.0, 30.0),
-            handle_height=(0.70, 0.85),
-            base_position=0.02,
-            base_yaw=math.radians(3.0),
-            grasp_height=0.04,
-            grasp_depth=0.004,
-            pose_noise=(0.001, 0.005),
-            wrench_noise=(1.0, 0.05),
-            longest_delay=3,
-        ),
-        "standard": DoorRandomization(doors="standard"),
-        "detector": DoorRandomization(perception=(0.01, math.radians(2.0))),
-    }
+    preset_table("randomizations", DoorRandomization())
 )
 """Mild: residual errors of a careful laboratory. Hard: a new door in every episode.
 Standard: a door of a building in every episode, without placement errors. Detector: the
