@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID, RL_ENVIRONMENT_ID
 from gplfd_env.scene.build import GRASP_KEY
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import code_state

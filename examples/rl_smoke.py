@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from gplfd_env import RL_ENVIRONMENT_ID
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 
 POPULATION, GENERATIONS, ELITE, STEPS = 16, 5, 4, 300

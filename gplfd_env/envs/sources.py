@@ -13,8 +13,8 @@ from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import Grasp
+from gplfd_env.robot.placement import ABOUT_A_HINGE, check_reach
 from gplfd_env.robot.robots import RobotSpec, robot_named
-from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import SampledEpisode, draw_episode

@@ -11,8 +11,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.motion import carried, end_angle, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.placement import handle_position_w, task_rotation_w
-from gplfd_env.robot.stance import ABOUT_A_HINGE
+from gplfd_env.robot.placement import ABOUT_A_HINGE, handle_position_w, task_rotation_w
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""

@@ -21,13 +21,13 @@ from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import GRIPS, Hold, add_collisions, add_walls, load_robot
 from gplfd_env.robot.placement import (
     arm_addresses,
+    check_reach,
     quaternion,
     solve_closed_posture,
     solve_standoff_posture,
     standoff_pose,
     task_in_door_frame,
 )
-from gplfd_env.robot.stance import check_reach
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.arena import add_arena
 from gplfd_env.scene.door import (

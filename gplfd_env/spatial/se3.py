@@ -12,6 +12,7 @@ from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from gplfd_env.spatial.rotation_paths import (
     checked_rows,
@@ -176,3 +177,16 @@ def _check_weight(rotation_weight: float) -> None:
             f"rotation_weight must lie in [0, 1], got {rotation_weight}: it is ω₁ of "
             "Eq. (17) and ω₂ = 1 - ω₁"
         )
+
+
+def handle_pose_on_arc(radius: ArrayLike, angle: ArrayLike) -> Array:
+    """Return the handle's poses (..., 6) at opening angles, task frame [m, rad].
+
+    x = R sin φ, z = -R (1 - cos φ), rotation +φ about y; radii and angles broadcast.
+    """
+    radii, angles = np.broadcast_arrays(radius, angle)
+    poses = np.zeros((*angles.shape, 6))
+    poses[..., 0] = radii * np.sin(angles)
+    poses[..., 2] = radii * (np.cos(angles) - 1.0)
+    poses[..., 4] = angles
+    return poses

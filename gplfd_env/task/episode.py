@@ -34,7 +34,7 @@ from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
-from gplfd_env.scene.latch import GAP, PLAY
+from gplfd_env.scene.handle import GAP, PLAY
 from gplfd_env.simulation.command import NO_EXTRA_INPUTS, Command, ExtraInputs
 from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import DelayLine, NoiseSource, SampledEpisode

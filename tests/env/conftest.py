@@ -19,7 +19,7 @@ from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 
 @pytest.fixture

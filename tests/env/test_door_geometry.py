@@ -17,7 +17,7 @@ from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 ANGLES = np.linspace(0.0, 1.2, 7)
 everywhere = pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
 from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD, SUCCESS_ANGLE
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 MOBILE, GRIPPER = gplfd_env.MOBILE_ENVIRONMENT_ID, gplfd_env.GRIPPER_ENVIRONMENT_ID

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import gplfd_env
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow
 

@@ -16,8 +16,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import LeafPath, carried, end_angle, links_of, roller_way
 from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.variation import Placement
-from gplfd_env.robot.placement import handle_position_w, task_rotation_w
-from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.placement import base_for, handle_position_w, task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.data.teacher.forces import hinge_torque, inertia_and_gravity

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DOORS
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.observation import DoorReading
 from gplfd_env.task.opening import (
     FAILURES,

@@ -16,7 +16,7 @@ from gplfd_env.doors.motion import LeafPath
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
 
 READER = Reader.of("contact", "pose", TIAGO_LIKE)

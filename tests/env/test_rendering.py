@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow
 

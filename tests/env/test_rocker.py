@@ -6,7 +6,7 @@ import pytest
 
 from gplfd_env.doors.config import TURNING, DoorConfig
 from gplfd_env.doors.geometry import ROCKERS, DoorGeometry
-from gplfd_env.robot.stance import check_reach
+from gplfd_env.robot.placement import check_reach
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 

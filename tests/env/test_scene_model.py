@@ -12,8 +12,7 @@ from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec
-from gplfd_env.scene.door import structure_of
-from gplfd_env.scene.visuals import CLOSER_ARM, GROUP
+from gplfd_env.scene.door import CLOSER_ARM, GROUP, structure_of
 
 WALLS = {"wall_hinge", "wall_lock"}
 

@@ -13,7 +13,7 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 EFFORT_LIMITS = np.array([43.0, 43.0, 26.0, 26.0, 3.0, 6.6, 6.6])
 RADIUS = 0.5

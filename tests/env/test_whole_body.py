@@ -23,7 +23,7 @@ from gplfd_env.robot.whole_body import (
     BaseDrive,
     led_by,
 )
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 HAND = (0.8, 0.3)
 ROBOT = TIAGO_LIKE.on("mobile")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results

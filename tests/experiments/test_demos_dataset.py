@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.info import TEXTS
 from gplfd_experiments.data.minari import (
     PHYSICS_STATE,

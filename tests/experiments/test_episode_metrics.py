@@ -8,7 +8,7 @@ import pytest
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.wrappers import FAILURES, REASONS
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.forecast_error import (

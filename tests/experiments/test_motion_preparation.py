@@ -11,8 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_env.spatial.se3 import relative_poses
+from gplfd_env.spatial.se3 import handle_pose_on_arc, relative_poses
 from gplfd_experiments.data.importing import report
 from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order

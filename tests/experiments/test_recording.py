@@ -8,7 +8,7 @@ import pytest
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode

@@ -14,7 +14,7 @@ import pytest
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.results.measures import RECORDED_MEASURES
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli

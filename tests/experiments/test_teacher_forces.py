@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import en1154
 from gplfd_env.doors.motion import CloserLaw
-from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.placement import base_for
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_experiments.data import teacher

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gplfd_env.doors.config import DoorConfig, door_config
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors

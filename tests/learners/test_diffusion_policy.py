@@ -17,7 +17,7 @@ if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
 
 import torch
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Demonstration
 from gplfd_policies.registry.method import TrainingInput

@@ -42,7 +42,7 @@ from gplfd_env.scene.build import build_scene
 from gplfd_env.scene.door import structure_of
 from gplfd_env.simulation.command import COMMANDS
 from gplfd_env.simulation.warp import WORLD_FIELDS
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.draw import draw_episode
 from gplfd_env.wrappers import action_of
 

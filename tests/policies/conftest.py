@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gplfd_env import DoorConfig, DoorGeometry
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import (
     POLICIES,
     Agent,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import butter, sosfiltfilt
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, align
 from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.alignment import (

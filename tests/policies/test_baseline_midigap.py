@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.midigap import (
     MiDiGaPConfig,

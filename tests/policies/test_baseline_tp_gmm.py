@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.tp_gmm import (

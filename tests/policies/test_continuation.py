@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, fit_skill
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, load_skill
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.registry.corrections import completed

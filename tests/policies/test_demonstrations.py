@@ -8,8 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_env.spatial.se3 import canonical_rotvec
+from gplfd_env.spatial.se3 import canonical_rotvec, handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, Demonstration, align
 from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.alignment import (

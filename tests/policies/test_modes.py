@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, AlignedDemonstrations, Demonstration, TrainingInput
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.demonstrations.alignment import align

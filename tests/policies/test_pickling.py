@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]

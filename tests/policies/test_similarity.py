@@ -5,7 +5,7 @@ import pytest
 import scipy
 from numpy.testing import assert_allclose
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.path_similarity import (

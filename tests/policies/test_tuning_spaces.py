@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise

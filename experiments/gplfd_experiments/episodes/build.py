@@ -19,7 +19,7 @@ from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.randomization import door_randomization
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.data.teacher.reaching import with_reaches

@@ -16,8 +16,8 @@ from typing import Any, Final, Literal
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.randomization import door_randomization
+from gplfd_env.robot.placement import base_for, check_reach
 from gplfd_env.robot.robots import RobotSpec, robot_named
-from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
     doors_like,

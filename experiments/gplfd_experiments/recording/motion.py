@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import end_angle, links_of
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours

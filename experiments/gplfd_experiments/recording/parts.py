@@ -18,8 +18,8 @@ from rerun.chunk import Chunk
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.parts import Closer
 from gplfd_env.robot.mobile_base import BASE_JOINTS
-from gplfd_env.scene.latch import GAP
-from gplfd_env.scene.visuals import CLOSER_ARM
+from gplfd_env.scene.door import CLOSER_ARM
+from gplfd_env.scene.handle import GAP
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, lanes, motion, panels

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.robot.placement import base_for
 from gplfd_env.robot.robots import RobotSpec, robot_named
-from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
 from gplfd_policies.arrays.storage import complete_or_absent

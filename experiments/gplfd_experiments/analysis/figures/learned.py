@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri, fdtri
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.files.arrays import FloatArray
