@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import sys
 
 import numpy as np
 import pyarrow.parquet
@@ -102,17 +101,9 @@ def test_rows_are_the_same_as_csv_and_parquet(heavy, tmp_path, capsys):
     assert len(rows) == len(table) == 8 * 7
     for text, row in zip(rows, table, strict=True):
         assert text == {name: "" if v is None else str(v) for name, v in row.items()}
+    assert main([*command, "--rows", "rows.xlsx"]) == 2
+    assert "rows.xlsx must end in .csv or .parquet" in capsys.readouterr().err
     first = next(row for row in table if row["policy"] == "hinge-fit")
     assert (first["trial"], first["success"], first["seed"]) == ("heavy", False, 0)
     assert first["time_to_60_deg"] is None
     assert isinstance(json.loads(first["door_config"]), dict)
-
-
-def test_rows_need_a_known_suffix_and_pyarrow(heavy, tmp_path, capsys, monkeypatch):
-    command = ["report", str(heavy), "--out", str(tmp_path / "page"), "--rows"]
-    assert main([*command, "rows.xlsx"]) == 2
-    assert "rows.xlsx must end in .csv or .parquet" in capsys.readouterr().err
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert main([*command, "rows.parquet"]) == 2
-    assert "pip install 'gplfd[lerobot]'" in capsys.readouterr().err
-    assert not (tmp_path / "page").exists()

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_experiments.analysis.report.document import kind_of
 from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
 from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
@@ -51,14 +50,10 @@ def rows_of(axes):
     return [label.get_text() for label in axes.get_yticklabels()]
 
 
-def lines_of(axes, row):
-    """What is drawn in a row: dots, interval, mark."""
-    return [line for line in axes.lines if set(np.asarray(line.get_ydata())) == {row}]
-
-
 def drawn(axes, row):
-    """x of everything drawn in a row."""
-    return [np.asarray(line.get_xdata(), float) for line in lines_of(axes, row)]
+    """x of everything drawn in a row: dots, interval, mark."""
+    lines = (line for line in axes.lines if set(line.get_ydata()) == {row})
+    return [np.asarray(line.get_xdata(), float) for line in lines]
 
 
 def single(axes):
@@ -67,51 +62,38 @@ def single(axes):
 
 
 def test_rows_are_those_of_the_table_with_its_numbers(levels):
-    found = levels()
-    figure = deciding_numbers(found, FORCE, "gp")
-    table = [row[0] for row in trial_table(TRIAL, found).rows]
+    runs = levels()
+    figure = deciding_numbers(runs, FORCE, "gp")
+    table = [row[0] for row in trial_table(TRIAL, runs).rows]
     assert table[0] == "**holds the hand**"
-    for axes, level in zip(figure.axes, found, strict=True):
+    for axes, level in zip(figure.axes, runs, strict=True):
         assert axes.get_title(loc="left") == level
         assert rows_of(axes) == ["kmp", "gp", "hinge-fit", "gp-constant-100"]
     top, bottom = figure.axes
     assert [name.split("`")[1] for name in table[1:5]] == rows_of(top)
     dots, interval, mark = drawn(top, 1)
-    own = found["holds the hand"]["gp"]
-    shown = summary(own, FORCE)
-    assert sorted(dots) == sorted(one.metrics[FORCE] for one in own)
-    assert interval.tolist() == [shown.low, shown.high]
-    assert mark.tolist() == [shown.estimate]
+    episodes = runs["holds the hand"]["gp"]
+    typical = summary(episodes, FORCE)
+    assert sorted(dots) == sorted(episode.metrics[FORCE] for episode in episodes)
+    assert interval.tolist() == [typical.low, typical.high]
+    assert mark.tolist() == [typical.estimate]
     bold = [label.get_weight() == "bold" for label in top.get_yticklabels()]
     assert bold == [False, True, False, False]
     assert top.get_xlabel() == "" != bottom.get_xlabel()
     # Kinds of policies are told apart by their marks.
-    kinds = ["method", "method", "reference", "ablation"]
-    assert [kind_of(policy) for policy in found["in the way"]] == kinds
     assert len({line.get_marker() for line in single(top)[-4:]}) == 3
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["learns", "lacks an idea", "learns nothing"]
 
 
-def test_a_wide_range_of_forces_has_a_logarithmic_axis(levels):
+def test_a_wide_range_is_logarithmic_and_who_has_no_number_says_so(levels):
     for values, scale in (({}, "linear"), ({"kmp": np.full(8, 1.0)}, "log")):
         axes = deciding_numbers(levels(**values), FORCE, "gp").axes[0]
         assert axes.get_xscale() == scale
-
-
-def test_who_has_no_number_has_a_row_that_says_so(levels):
     axes = deciding_numbers(levels(kmp=[None] * 8), FORCE, "gp").axes[0]
     assert rows_of(axes)[-1] == "kmp"
     assert [text.get_text() for text in axes.texts] == ["no number"]
     assert drawn(axes, 3) == []
-
-
-def test_equal_seeds_are_a_larger_dot(levels):
-    found = levels("success", gp=[True] * 6 + [False] * 2)
-    axes = deciding_numbers(found, "success", "gp").axes[0]
-    lines = lines_of(axes, rows_of(axes).index("gp"))
-    sizes = {float(line.get_xdata()[0]): line.get_markersize() for line in lines[:2]}
-    assert sizes[1.0] / sizes[0.0] == pytest.approx(math.sqrt(3.0))
 
 
 def answer(policy, low, high, measure=FORCE):

@@ -2,11 +2,12 @@
 
 import math
 import statistics
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from gplfd_env.doors.randomization import RANDOMIZATIONS
@@ -31,7 +32,9 @@ class Measure:
     name: str = ""
     """What it is, in a sentence and at an axis; "" for measures without either."""
     digits: int = 2
-    convert: Callable[[float], float] = float
+    scale: float = 1.0
+    root: bool = False
+    """Whether it is the root of the metric, before it is multiplied by the scale."""
     if_opened: bool = False
     """Whether it is defined for opened doors only; without a grasp there is no
     force."""
@@ -62,6 +65,10 @@ class Measure:
         if self.if_opened and result.number("time_to_60_deg") is None:
             return None
         return None if value is None else self.convert(value)
+
+    def convert(self, value: float) -> float:
+        """Return a metric in the unit of the measure."""
+        return self.scale * (math.sqrt(value) if self.root else float(value))
 
     def values(self, results: Iterable[TaskResult]) -> list[float]:
         """Return the numbers of the results that have this measure."""
@@ -125,124 +132,21 @@ def shift_cell(estimate: Shift, digits: int) -> str:
     return f"{number}\n{interval_text(estimate, digits)}".strip()
 
 
-def _thousandfold(value: float) -> float:
-    return 1e3 * value
+_TABLES: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 
 
-def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
-    """Return measures by their metrics."""
-    return {measure.metric: measure for measure in measures}
+def _measures(table: str) -> dict[str, Measure]:
+    """Return the measures of a table of measures.toml by metric."""
+    fields = _TABLES[table].items()
+    return {metric: Measure(metric=metric, **values) for metric, values in fields}
 
-
-_newtons = partial(Measure, unit="N", digits=1)
-_millimetres = partial(Measure, unit="mm", digits=1, convert=_thousandfold)
-_milliseconds = partial(Measure, unit="ms", convert=_thousandfold)
-_degrees = partial(Measure, unit="°", convert=math.degrees)
-_of_opened = partial(Measure, digits=1, if_opened=True)
-_share = partial(Measure, share=True, better="more")
 
 WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; of the policy alone."""
-
-EPISODE_MEASURES: Final = _by_metric(
-    _share("success", "opened", name="doors opened and held"),
-    Measure("final_angle_deg", "angle", "°", "final angle", digits=1, better="more"),
-    _of_opened("force_radial_peak", "radial peak", "N", "peak radial force"),
-    _of_opened("force_radial_p95", "radial p95", "N", "its 95th percentile in time"),
-    _of_opened(
-        "force_tangential_peak", "tangential peak", "N", "peak tangential force"
-    ),
-    _of_opened(
-        "force_tangential_p95", "tangential p95", "N", "its 95th percentile in time"
-    ),
-    _of_opened("force_handle_peak", "handle peak", "N", "peak force at the handle"),
-    _share("grasp_kept", "grasps kept", name="grasps kept"),
-    _newtons("person_force_peak", "on a person", name="peak force on the person"),
-    _newtons(
-        "person_force_sustained", "for 0.5 s", name="force on the person for 0.5 s"
-    ),
-    Measure("person_energy", "on a person", "J", "work on the person", digits=1),
-    _newtons("stop_force_peak", "on a stop", name="peak force on the stop"),
-    _newtons("stop_force_sustained", "for 0.5 s", name="force on the stop for 0.5 s"),
-    Measure(
-        "push_displacement_mm", "moved by a push", "mm", "displacement by the push", 1
-    ),
-    Measure("release_speed", "after release", "rad/s", "speed after release"),
-    Measure("recovery_time", "to recover", "s", "time to recover"),
-    Measure("time_to_60_deg", "to 60°", "s", "time to 60°"),
-    Measure("time_to_30_deg", "to 30°", "s", "time to 30°"),
-    _of_opened("slip_max_mm", "slip", "mm", "slip in the hand"),
-    _of_opened("work", "work", "J", "work of the hand on the door", digits=2),
-    _millimetres(
-        "prediction_error_position",
-        "√E[ε²]",
-        name="prediction error: root of squared distance and stated variance",
-        convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
-    ),
-    Measure(
-        "stability_margin_translation",
-        "stability margin",
-        "N/(m·s)",
-        "smallest distance of dk/dt from its bound",
-        digits=0,
-    ),
-    Measure("governed_share", "governed", "%", digits=1, convert=lambda x: 100.0 * x),
-    _of_opened(
-        "door_acceleration_peak", "door |φ̈|", "rad/s²", "peak acceleration of the door"
-    ),
-    Measure("radius", "radius", "m"),
-    Measure(
-        "latency_median_ms", "CPU time per decision", "ms", "CPU time of a decision"
-    ),
-    Measure(WALL_TIME, "wall time per decision", "ms", "wall time of a decision"),
-    Measure("latency_wall_p95_ms", "wall time\nper decision\np95", "ms"),
-)
-"""Measures of episodes by metric; ``grasp_kept`` follows from the failure of an
-episode. Contrasts of trials use them as well; the plot of all contrasts has this
-order."""
-
-LEARNING_MEASURES: Final = _by_metric(
-    _millimetres("rmse_position_m", "position"),
-    _degrees("rmse_rotation_rad", "rotation"),
-    Measure("nlpd", "NLPD"),
-    *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
-    _millimetres("via_error_position_m", "via-point", digits=2),
-    Measure("via_far_change", "far change", "σ"),
-    Measure("log_dimensionless_jerk", "−log jerk", convert=lambda value: -value),
-    Measure("cpu_fit_s", "fit", "s"),
-    _milliseconds("cpu_predict_s", "predict"),
-    _milliseconds("cpu_adapt_s", "adapt"),
-)
-RECORDED_MEASURES: Final = _by_metric(
-    *(
-        measure
-        for kind, after in (("forecast", "after"), ("online", "online"))
-        for n in (10, 25, 50)
-        for measure in (
-            _millimetres(f"{kind}_{n}_position_m", f"{after} {n} %"),
-            _degrees(f"{kind}_{n}_rotation_rad", f"{after} {n} %"),
-            Measure(f"{kind}_{n}_nlpd", f"NLPD {after} {n} %"),
-            Measure(f"{kind}_{n}_coverage_95", f"inside 95 % {after} {n} %"),
-        )
-    ),
-    *(_millimetres(f"online_{n}_path_m", f"path, online {n} %") for n in (10, 25, 50)),
-)
-FORCE_MEASURES: Final = _by_metric(
-    *(
-        measure
-        for name, after in (
-            ("force", "force"),
-            *((f"forecast_{n}_force", f"after {n} %") for n in (10, 25, 50)),
-        )
-        for measure in (
-            Measure(f"{name}_error_n", after, "N"),
-            Measure(f"{name}_nlpd", f"NLPD {after}"),
-            Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
-        )
-    )
-)
-"""Measures of learning tests on demonstrations with forces."""
-
+EPISODE_MEASURES: Final = _measures("episodes")
+LEARNING_MEASURES: Final = _measures("learning")
+RECORDED_MEASURES: Final = _measures("rest")
+FORCE_MEASURES: Final = _measures("forces")
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests in summaries and plots."""
 
