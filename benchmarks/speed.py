@@ -36,7 +36,7 @@ from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.recording import record_episode
 from gplfd_policies import ViaPoint, align
 from gplfd_policies.adaptation import ADAPTATIONS, AdaptationForm
-from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.agents.agent import batch_agents
 from gplfd_policies.demonstrations.alignment import AlignmentMethod
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry.catalogue import make_agent

@@ -18,7 +18,7 @@ from sklearn.preprocessing import StandardScaler
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.wrappers import action_of, command_of, flat_of
 from gplfd_policies import make_agent
-from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.agents.agent import batch_agents
 
 RADII = np.linspace(0.30, 0.65, 16)  # [m]; doors that `gp` opens for training
 EPISODES = 2  # per door

@@ -2,7 +2,7 @@
 from gplfd_policies.adaptation import adapt as adapt
 from gplfd_policies.agents.agent import Agent as Agent
 from gplfd_policies.agents.agent import as_agent as as_agent
-from gplfd_policies.agents.lockstep import batch_agents as batch_agents
+from gplfd_policies.agents.agent import batch_agents as batch_agents
 from gplfd_policies.control.steps import AgentStep as AgentStep
 from gplfd_policies.demonstrations.aligned import (
     AlignedDemonstrations as AlignedDemonstrations,

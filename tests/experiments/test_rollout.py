@@ -22,7 +22,7 @@ from gplfd_experiments.episodes.rollout import (
     rollout,
     rollouts,
 )
-from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.agents.agent import batch_agents
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.registry.catalogue import POLICIES

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.rendering import Admittance
 from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
+    ExpectedForce,
     LearnedLoad,
     YieldToAll,
 )

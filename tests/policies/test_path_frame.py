@@ -8,9 +8,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, ContactLoop
-from gplfd_policies.control.frame import directional_std, path_frame
+from gplfd_policies.control.rendering import Admittance
 from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
@@ -18,6 +17,8 @@ from gplfd_policies.control.stiffness import (
     PAPER_DYNAMICS,
     PAPER_PROFILE,
     VirtualDynamics,
+    directional_std,
+    path_frame,
     spread_profile,
 )
 

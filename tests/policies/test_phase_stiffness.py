@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies import make_agent
-from gplfd_policies.control.phase_stiffness import PhaseStiffness
+from gplfd_policies.control.stiffness import PhaseStiffness
 
 LAW = np.repeat([250.0, 25.0], 3)
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.rendering import (
     ARM_DYNAMICS,
+    Admittance,
     ArmRendering,
     VirtualRendering,
 )

@@ -16,8 +16,8 @@ from gplfd_policies import (
     make_agent,
     policy_named,
 )
-from gplfd_policies.registry import user_policies
-from gplfd_policies.registry.user_policies import packaged_summaries
+from gplfd_policies.registry import catalogue
+from gplfd_policies.registry.catalogue import packaged_summaries
 
 MODULE = '''
 """Somebody's policies."""
@@ -130,7 +130,7 @@ def forget(*modules):
     """Forget modules and their files, as another process would."""
     for name in modules:
         del sys.modules[name]
-    user_policies._FIRST_SEEN.clear()
+    catalogue._FIRST_SEEN.clear()
 
 
 @pytest.mark.parametrize(

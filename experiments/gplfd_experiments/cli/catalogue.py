@@ -12,8 +12,7 @@ from gplfd_env import (
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
-from gplfd_policies.registry.catalogue import POLICIES
-from gplfd_policies.registry.user_policies import packaged_summaries
+from gplfd_policies.registry.catalogue import POLICIES, packaged_summaries
 
 
 def catalogue() -> dict[str, Mapping[str, str]]:

@@ -27,8 +27,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.practice import Practice, practised
 from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_policies.agents.agent import Agent, as_agent
-from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.agents.agent import Agent, as_agent, batch_agents
 from gplfd_policies.agents.reaching import (
     ReachingAgent,
     learn_reach,
@@ -37,8 +36,8 @@ from gplfd_policies.agents.reaching import (
 )
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
+from gplfd_policies.registry.catalogue import place_in_source
 from gplfd_policies.registry.method import Policy, TrainingInput
-from gplfd_policies.registry.user_policies import place_in_source
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:

@@ -23,8 +23,7 @@ from gplfd_experiments.episodes.log import (
     Motion,
     Opening,
 )
-from gplfd_policies.agents.agent import as_agent
-from gplfd_policies.agents.lockstep import AgentBatch
+from gplfd_policies.agents.agent import AgentBatch, as_agent
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]

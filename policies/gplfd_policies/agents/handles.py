@@ -24,8 +24,7 @@ from gplfd_policies.adaptation.gridded import (
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
-from gplfd_policies.control.expected_force import ForceForecast
-from gplfd_policies.control.load import ContactState, Load, LoadResponse
+from gplfd_policies.control.load import ContactState, ForceForecast, Load, LoadResponse
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseRule

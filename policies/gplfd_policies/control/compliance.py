@@ -19,18 +19,19 @@ from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Frames, Vectors
-from gplfd_policies.control.expected_force import ForceForecast
-from gplfd_policies.control.frame import directional_std, path_frame, product
-from gplfd_policies.control.load import ContactState, LearnedLoad, Load
-from gplfd_policies.control.phase_stiffness import PhaseStiffness
+from gplfd_policies.control.load import ContactState, ForceForecast, LearnedLoad, Load
 from gplfd_policies.control.rendering import ArmRendering, VirtualRendering
 from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
+    PhaseStiffness,
     StiffnessProfile,
     VirtualDynamics,
+    directional_std,
+    path_frame,
+    product,
 )
 from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule

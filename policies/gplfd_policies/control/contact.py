@@ -7,7 +7,7 @@ stretches the servo, and the servo's force returns as F after a delay τ,
 
 where k_s is the stiffness of the servo in series with the object that holds the hand.
 With the control period h and the integration of
-`gplfd_policies.control.admittance.Admittance`, this is
+`gplfd_policies.control.rendering.Admittance`, this is
 
     M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q,    M = m/h²,  D = d/h,
 

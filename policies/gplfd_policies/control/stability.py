@@ -14,8 +14,7 @@ import numpy as np
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes, Vectors
-from gplfd_policies.control.frame import product
-from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
+from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics, product
 
 _USED_SHARE = 0.999
 """The conditions are strict inequalities: the governor stops just short of equality."""
@@ -94,7 +93,7 @@ class StiffnessGovernor:
     satisfies (k' - k)/h < bound(k) also satisfies the condition in finite differences,
     (k' - k) + γ(d' - d) - 2γ h k < 0, for every h.
     Together with the implicit step of
-    `gplfd_policies.control.admittance.Admittance` the function m(v + γe)²/2 + (k' +
+    `gplfd_policies.control.rendering.Admittance` the function m(v + γe)²/2 + (k' +
     γd' - γ²m)e²/2 then never grows without external force, whatever the uncertainty
     does: `test_lyapunov_function_never_grows`. In a frame, the same holds for matrices
     K = T k Tᵀ and D, a function of K: `test_lyapunov_function_of_turning_frames`.

@@ -5,16 +5,62 @@ The hand is stiff where the policy is certain and compliant where it is not.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 import scipy
 
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import freeze, read_only
-from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes, Float, Frames, SixAxes
+from gplfd_policies.arrays.records import freeze, read_only, short_repr
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes, Float, Frames, Outputs, SixAxes, Vectors
 from gplfd_policies.control.contact import HELD_HAND
-from gplfd_policies.control.frame import product
+from gplfd_policies.movements.movement import LearnedMovement, Movement
+
+
+def path_frame(tangent: Vectors) -> Frames:
+    """Return frames whose first columns are unit tangents (..., 3), or their opposites.
+
+    Its columns are the directions along the path, up and across it, in which stiffness
+    is defined. It is the least rotation of the task's axes from x to t or to -t,
+    whichever is nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the same
+    frame as a pull. For a tangent in the horizontal plane, up is y. Where t is across
+    x, the columns for such a tangent only change their sign.
+    """
+    tangent = np.where(tangent[..., :1] < 0.0, -tangent, tangent)
+    x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
+    share = 1.0 / (1.0 + x)
+    frame = np.empty((*tangent.shape, 3))
+    frame[..., 0] = tangent
+    frame[..., 0, 1:] = -tangent[..., 1:]
+    frame[..., 1, 1] = 1.0 - y * y * share
+    frame[..., 2, 2] = 1.0 - z * z * share
+    frame[..., 1, 2] = frame[..., 2, 1] = -y * z * share
+    return frame
+
+
+def product(
+    left: Float[np.ndarray, "*#N 3 3"], right: Float[np.ndarray, "*#N 3 J"]
+) -> Float[np.ndarray, "*M 3 J"]:
+    """Return the matrix products of stacks."""
+    # Summed in the order of the rows; in BLAS it may depend on the other rows.
+    return np.asarray(np.add.reduce(left[..., None] * right[..., None, :, :], axis=-2))
+
+
+def directional_std(frame: Frames, std: Axes, level: PerRow | float = 0.0) -> Axes:
+    """Return σ along the directions of frames, and about the axes [m, rad].
+
+    σ_d² = Σ_i T_id² σ_i² + 2 T_xd T_zd σ_xz with the covariance σ_xz of x and z [m²];
+    other positions are independent.
+    """
+    turned = np.array(std)
+    variance = (std[..., :3] * std[..., :3])[..., None]
+    along = product((frame * frame).swapaxes(-1, -2), variance)[..., 0]
+    both = frame[..., 0, :] * frame[..., 2, :]
+    along += 2.0 * both * np.asarray(level)[..., None]
+    turned[..., :3] = np.sqrt(np.maximum(along, 0.0))
+    return turned
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -209,3 +255,70 @@ DEFAULT_DYNAMICS = VirtualDynamics(
 """1 kg in translation, 0.1 kg m² in rotation. The damping, 70 N s/m and 3.5 N m s/rad,
 is what a held hand needs with the longest delay of ``"hard"``, at any mass and
 stiffness; it is more than critical at every stiffness of `DEFAULT_PROFILE`."""
+
+
+_PHASES: Final = np.linspace(0.0, 1.0, 101)
+_FORCES: Final = (0.5, 5.0)
+"""Forces between which `stiffness_from_force` falls [N]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PhaseStiffness:
+    """Stiffness at M equally spaced phases from 0 to 1, and its share; read-only."""
+
+    stiffness: Outputs
+    """k_d along the three directions of the frame and about the axes of the task frame
+    [N/m, N m/rad]."""
+    share: Outputs
+    """w, from 0 (only `StiffnessProfile`) to 1 (only k_d)."""
+    direction: Float[np.ndarray, "M 3"]
+    """Unit vectors that replace the path's tangent in the frame; NaN for none."""
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        freeze(self, "stiffness", "share", "direction")
+
+    def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
+        """Return the first direction of the frame at a phase, or the tangent."""
+        direction = self.direction[np.rint(phase * (len(self.share) - 1)).astype(int)]
+        return np.where(np.isnan(direction), tangent, direction)
+
+    def combined(self, stiffness: Axes, phase: PerRow) -> Axes:
+        """Return k^(1 - w) k_d^w: means of logarithms with the weights 1 - w and w."""
+        index = np.rint(phase * (len(self.share) - 1)).astype(int)
+        # Not `**`: for arrays its last bit depends on the processor.
+        gain = np.float_power(self.stiffness[index] / stiffness, self.share[index])
+        return np.asarray(stiffness * gain)
+
+
+def stiffness_from_force(
+    movement: Movement, profile: StiffnessProfile
+) -> PhaseStiffness:
+    """Return a stiffness along the learned force that falls with the force.
+
+    The rule of Hou et al., *Adaptive Compliance Policy*, 2024, arXiv:2410.09309: it
+    falls linearly from k_max at 0.5 N to k_min at 5 N, as in the published code; across
+    the force and in rotation it is k_max.
+
+    Raises:
+        ValueError: No demonstration has wrenches.
+    """
+    learned = movement.forces if isinstance(movement, LearnedMovement) else None
+    if learned is None:
+        raise ValueError(
+            "stiffness from force needs demonstrations with wrenches, got none; record "
+            "forces (Demonstration(wrenches=...)), or choose another policy, such as gp"
+        )
+    poses = movement.predict(_PHASES).mean
+    force = into_axes(-poses[:, 3:], learned.predict(_PHASES).mean[:, :3])
+    size = np.linalg.norm(force, axis=1)
+    highest = np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3)
+    stiffness = np.tile(highest, (_PHASES.size, 1))
+    stiffness[:, 0] = np.interp(size, _FORCES, (highest[0], profile.k_min[0]))
+    felt = (size > _FORCES[0])[:, None]
+    return PhaseStiffness(
+        stiffness=stiffness,
+        share=np.ones_like(stiffness),
+        direction=np.where(felt, force / np.maximum(size, 1e-12)[:, None], np.nan),
+    )

@@ -35,7 +35,6 @@ from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgen
 from gplfd_policies.agents.modes import ModeConfig
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
-from gplfd_policies.control.phase_stiffness import stiffness_from_force
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
@@ -43,6 +42,7 @@ from gplfd_policies.control.stiffness import (
     PAPER_DYNAMICS,
     PAPER_PROFILE,
     StiffnessProfile,
+    stiffness_from_force,
 )
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
@@ -65,11 +65,11 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.registry.corrections import add_correction
 from gplfd_policies.registry.method import (
     Method,
     Policy,
     TrainingInput,
+    add_correction,
     demonstrated_phase,
     path_phase,
     profile_of_spread,

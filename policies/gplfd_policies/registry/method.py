@@ -8,16 +8,19 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import YieldToAll
-from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
 from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
+    PhaseStiffness,
     StiffnessProfile,
     spread_profile,
 )
@@ -36,6 +39,7 @@ from gplfd_policies.movements.movement import (
     Movement,
 )
 from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
+from gplfd_policies.movements.skill import Skill
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseRule
 
@@ -135,7 +139,7 @@ class Method:
         None
     )
     """Gives an additional stiffness from demonstrated forces, such as
-    `gplfd_policies.control.phase_stiffness.stiffness_from_force`."""
+    `gplfd_policies.control.stiffness.stiffness_from_force`."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
     modes: ModeConfig | None = None
@@ -143,7 +147,7 @@ class Method:
     and learned separately; None to learn all demonstrations as one mode."""
     correct: Callable[["Method", Movement, Correction], Movement] | None = None
     """Learns a movement from this method, another one and a correction, such as
-    `gplfd_policies.registry.corrections.add_correction`; None if it cannot."""
+    `gplfd_policies.registry.method.add_correction`; None if it cannot."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
@@ -378,3 +382,68 @@ def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
                 "the axes of its first pose, which must then be these; `gplfd demos "
                 "import --frame hinge` finds them from the motion"
             )
+
+
+def add_correction(method: Method, movement: Movement, correction: Correction) -> Skill:
+    """Learn again from a skill's demonstrations and a completed correction."""
+    if not isinstance(movement, Skill):
+        raise ValueError(
+            f"corrections are added to a Skill, got a {type(movement).__name__}"
+        )
+    whole = completed(method, movement, correction)
+    demonstrations = (*as_demonstrations(movement.aligned), whole)
+    with warnings.catch_warnings():
+        # The first learning has already warned about the demonstrations.
+        warnings.simplefilter("ignore", UserWarning)
+        learned = method.learn(TrainingInput(demonstrations=demonstrations))
+    if not isinstance(learned, Skill):
+        raise TypeError(f"the method learned a {type(learned).__name__}, not a Skill")
+    return replace(learned, corrections=(*movement.corrections, correction))
+
+
+def completed(method: Method, skill: Skill, correction: Correction) -> Demonstration:
+    """Return the motion of a correction, continued by the expectation of the skill.
+
+    A correction shows one door, and a permanent via-point would bend the movement at
+    all doors; therefore a whole motion at this door becomes a demonstration.
+
+    The skill observes the motion as in an episode: it is conditioned on via-points at
+    the estimated phases of the hand, with the noise of the led hand. If the motion ends
+    before the demonstrations, the conditioned mean follows, displaced so that it begins
+    at the last pose, with the last wrench.
+    """
+    config = replace(method.config, via_std=correction.std)
+    agent = replace(method, config=config).follow(skill)
+    motion, phase = correction.motion, 0.0
+    felt = motion.wrenches
+    wrenches = np.zeros_like(motion.poses) if felt is None else -felt
+    agent.reset({"ee_pose": motion.poses[0]})
+    for pose, wrench in zip(motion.poses, wrenches, strict=True):
+        phase = float(agent.act({"ee_pose": pose, "wrench": wrench}).observed_phase)
+    expected = agent.forecast()
+    after = (expected.times > phase) & (expected.times <= skill.aligned.end)
+    last = interpolated(np.array([phase]), expected.times, expected.mean)
+    later = skill.duration * (expected.times[after] - phase)
+    poses = [motion.poses, expected.mean[after] + (motion.poses[-1] - last)]
+    whole = np.vstack(poses)
+    whole[:, 3:] = unwrap_rotvecs(whole[:, 3:])
+    if felt is not None:
+        felt = np.vstack([felt, np.repeat(felt[-1:], len(later), axis=0)])
+    times = np.concatenate([motion.times, motion.times[-1] + later])
+    return Demonstration(times=times, poses=whole, wrenches=felt)
+
+
+def as_demonstrations(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
+    """Return aligned demonstrations as demonstrations with common time stamps."""
+    phases = np.linspace(0.0, aligned.end, len(aligned.times))
+    demonstrations = []
+    for number, curves in enumerate(aligned.poses):
+        poses = interpolated(phases, aligned.times, curves)
+        wrenches = None
+        if aligned.wrenches is not None and np.isfinite(aligned.wrenches[number]).all():
+            forces = interpolated(phases, aligned.times, aligned.wrenches[number])
+            forces = forces.reshape(-1, 2, 3)
+            wrenches = into_axes(-poses[:, None, 3:], forces).reshape(-1, 6)
+        motion = {"times": aligned.duration * phases, "poses": poses}
+        demonstrations.append(Demonstration(**motion, wrenches=wrenches))
+    return tuple(demonstrations)

@@ -12,9 +12,12 @@ from gplfd_experiments.analysis.figures.material import POLICY, Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.control.frame import directional_std
 from gplfd_policies.control.stability import uncertainty_fall_bound
-from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
+from gplfd_policies.control.stiffness import (
+    DEFAULT_DYNAMICS,
+    StiffnessProfile,
+    directional_std,
+)
 from gplfd_policies.registry.catalogue import make_agent
 
 DOORS: Final = ("medium", "heavy")

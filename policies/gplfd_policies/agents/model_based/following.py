@@ -22,8 +22,8 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle
 from gplfd_policies.arrays.shapes import Float, SixAxes
-from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.load import CarriedLoad
+from gplfd_policies.control.rendering import Admittance
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
 
