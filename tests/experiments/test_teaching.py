@@ -3,23 +3,44 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env import DoorGeometry
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.build import (
+    learned_agents,
+    open_together,
+    open_watched,
+)
+from gplfd_experiments.episodes.leading import LedAgent
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors
-from gplfd_experiments.teaching.lead import SPRING, Lead, View, checked_input
-from gplfd_experiments.teaching.lesson import DemonstrationLesson, replay
-from gplfd_experiments.teaching.taught import Taught, TaughtSet, read_taught
+from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View, checked_input
+from gplfd_experiments.teaching.lesson import (
+    CorrectionLesson,
+    DemonstrationLesson,
+    replay,
+)
+from gplfd_experiments.teaching.taught import (
+    CorrectedSkill,
+    Taught,
+    TaughtSet,
+    read_taught,
+)
 from gplfd_experiments.workflows.skills import demonstrated_doors
+from gplfd_policies import load_skill
+from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.demonstrations.npz import FILE, load_demonstrations
-from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.catalogue import policy_named, skill_method
+from gplfd_policies.registry.method import TrainingInput
 
 IDLE = np.zeros(9)
 TOP = View(
@@ -174,3 +195,85 @@ def test_a_set_goes_on_where_it_was_left_and_mends_what_is_missing(
     (tmp_path / "mine.txt").touch()
     with pytest.raises(ValueError, match="is no set of gplfd demos teach"):
         TaughtSet(tmp_path, {})
+
+
+# --- Corrections
+
+POLICY = np.array([0.02, 0.0, 0.0, 0.0, 0.1, 0.0])
+
+
+class Held:
+    """A policy that commands one pose."""
+
+    def act(self, observation: dict[str, np.ndarray]) -> AgentStep:
+        return AgentStep(action=POLICY, observed_phase=0.25)
+
+
+def commands(door: DoorGeometry, *samples: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Commands while the hand rises slowly at the closed handle; the correction."""
+    person = Person(TOP)
+    agent = LedAgent(as_agent(Held()), person)
+    agent.inform(door)
+    agent.reset({"ee_pose": np.zeros(6)})
+    actions = []
+    for number, sample in enumerate(samples):
+        person.take(sample, 0.0)
+        seen = {"ee_pose": np.eye(6)[1] * 1e-4 * number, "time": np.ones(1) * number}
+        still = {"ee_twist": np.zeros(6), "wrench": np.ones(6)}
+        actions.append(agent.act(seen | still).action)
+    return np.array(actions), agent.correction(door="door", seed=0)
+
+
+def test_the_policy_commands_until_a_person_takes_the_hand_and_after() -> None:
+    door = DoorGeometry.of(DoorConfig(radius=0.5))
+    taken = [pointer(0.0, 0.0), *[pointer(0.05, 0.0)] * 99]
+    found, correction = commands(door, *[IDLE] * 10, *taken, *[IDLE] * 60)
+    np.testing.assert_array_equal(found[:10], np.tile(POLICY, (10, 1)))
+    # A spring of 300 N/m, rendered by a servo of 2000 N/m.
+    np.testing.assert_allclose(found[60:110, 0], 0.05 * 300 / 2000, rtol=1e-3)
+    # Taken and handed over in 0.4 s without a jump.
+    assert np.abs(np.diff(found, axis=0)).max() < 0.1 * 1.9 * 0.01 / 0.4
+    np.testing.assert_array_equal(found[149:], np.tile(POLICY, (21, 1)))
+    assert np.flatnonzero(correction.led)[[0, -1]].tolist() == [10, 148]
+    assert (correction.by, correction.phase) == ("person", 0.25)
+    assert commands(door, *[IDLE] * 5)[1] is None
+
+
+@pytest.mark.parametrize(("handle", "force"), [("bar", 34.0), ("lever", 58.0)])
+def test_a_person_pulls_no_more_than_the_synthetic_corrector(
+    handle: str, force: float
+) -> None:
+    latch = {} if handle == "bar" else {"handle": handle, "latch": "spring"}
+    door = DoorGeometry.of(DoorConfig(radius=0.65, **latch))
+    for taken in ([pointer(0.0, 0.0), *[pointer(9.0, 0.0)] * 60], [np.eye(9)[3]] * 200):
+        found, _ = commands(door, *taken)
+        assert 2000.0 * found[-1, 0] == pytest.approx(force, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_a_person_s_correction_opens_the_door(tmp_path: Path) -> None:
+    """At a flap that stays closed without it."""
+    gp, oven = skill_method("gp"), DOORS["oven"]
+    shown = Teacher().standard_demonstrations(seed=0, like=oven)
+    skill = gp.learn(TrainingInput(demonstrations=shown))
+    stiff = oven.replaced({"radius": 0.36, "closer": {"preload": 4.5}})
+    task = episode_task("flap", stiff, policy="gp", seed=0)
+    assert not open_watched(task, gp.follow(skill)).success
+    store = CorrectedSkill(gp, skill, tmp_path / "better.npz")
+    lesson = CorrectionLesson(task, store, "mouse", drawn=False)
+    # Drag the hand ahead along the path, from 2 s on and up to 50 degrees.
+    geometry = DoorGeometry.of(lesson.door)
+    while not lesson.over:
+        angle, ahead = np.radians(lesson.state["angle"]), lesson.state["time"] - 2.0
+        sample = IDLE.copy()
+        if ahead > 0.0 and angle < np.radians(50.0):
+            point = geometry.hand_poses(max(angle, 0.0) + 0.5 * min(1.0, ahead))[:3]
+            sample[:3] = 1.0, *lesson.view.place(point)
+        lesson.step(sample)
+    assert "You led the hand for" in lesson.result()
+    store.keep(lesson.record())
+    better = load_skill(tmp_path / "better.npz")
+    assert open_watched(task, gp.follow(better)).success
+    (kept,) = better.corrections
+    assert (kept.by, kept.device, kept.door) == ("person", "mouse", "flap")

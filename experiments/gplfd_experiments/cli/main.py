@@ -75,23 +75,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"gplfd {importlib.metadata.version('gplfd')}")
         return 0
     debug = "--debug" in words
-
+    words = [word for word in words if word != "--debug"]
     # Messages go to stderr, each on a line of its own above progress bars.
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
     LOG.addHandler(handler)
     try:
-        with logging_redirect_tqdm([LOG]):
-            return _run([word for word in words if word != "--debug"], debug)
-    finally:
-        LOG.removeHandler(handler)
-        LOG.setLevel(logging.NOTSET)
-
-
-def _run(words: Sequence[str], debug: bool) -> int:
-    """Run the command that the words name, and log the error that ends it."""
-    try:
-        with warnings.catch_warnings():
+        with logging_redirect_tqdm([LOG]), warnings.catch_warnings():
             # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
@@ -122,6 +112,9 @@ def _run(words: Sequence[str], debug: bool) -> int:
             text = f"{error.filename}: {error.strerror}"
         LOG.error(text, exc_info=debug)
         return BAD_INPUT
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(logging.NOTSET)
 
 
 def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> Any:

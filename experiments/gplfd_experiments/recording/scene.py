@@ -66,10 +66,26 @@ def drawn_scene(
     yield static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     for body, geoms in visual_geoms(model, looks).items():
         entity, shapes = entity_of_body(model, body), []
-        for kind in _PRIMITIVES:
-            solids = [geom for geom in geoms if kinds[geom] == kind]
-            if solids:
-                shapes.append(_shape(kind, rows[solids]))
+        for kind, (archetype, places) in _PRIMITIVES.items():
+            solids = rows[[geom for geom in geoms if kinds[geom] == kind]]
+            if not solids.size:
+                continue
+            sizes, positions, turns, tints = np.split(solids, [3, 6, 10], axis=1)
+            turns = _xyzw(turns)
+            size: dict[str, Any] = {"half_sizes": sizes}
+            if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+                size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
+            if kind == _GEOM.mjGEOM_CAPSULE:
+                # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
+                positions = positions - sizes[:, 1, None] * _axes(turns)
+            shape = archetype(
+                quaternions=turns,
+                colors=(255.0 * tints).round().astype(np.uint8),
+                fill_mode="solid",
+                **{places: positions},
+                **size,
+            )
+            shapes.append(shape)
         yield static(entity, *shapes)
         for geom in geoms:
             if kinds[geom] != _GEOM.mjGEOM_MESH:
@@ -204,26 +220,6 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     kinds[balls], kinds[planes] = _GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_BOX
     rows = np.hstack([sizes, positions, quaternions, _colours(model)])
     return kinds.tolist(), rows
-
-
-def _shape(kind: int, solids: FloatArray) -> Any:
-    """Draw the primitives of one kind of one body: rows of `_solids`, (N, 14)."""
-    sizes, positions = solids[:, :3], solids[:, 3:6]
-    quaternions = _xyzw(solids[:, 6:10])
-    size: dict[str, Any] = {"half_sizes": sizes}
-    if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
-        size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
-    if kind == _GEOM.mjGEOM_CAPSULE:
-        # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-        positions = positions - sizes[:, 1, None] * _axes(quaternions)
-    archetype, places = _PRIMITIVES[kind]
-    return archetype(
-        quaternions=quaternions,
-        colors=(255.0 * solids[:, 10:]).round().astype(np.uint8),
-        fill_mode="solid",
-        **{places: positions},
-        **size,
-    )
 
 
 def _colours(model: mujoco.MjModel) -> FloatArray:

@@ -30,7 +30,16 @@ def tiago_looks(bodies: Sequence[str]) -> BodyMeshes:
     """
     import yourdfpy
 
-    path = _description()
+    files: list[importlib.metadata.PackagePath] = []
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        files = importlib.metadata.files(DISTRIBUTION) or []
+    paths = [file.locate() for file in files if str(file).endswith(_DESCRIPTION)]
+    if not paths or not Path(str(path := paths[0])).is_file():
+        raise ModuleNotFoundError(
+            f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
+            "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND "
+            "3.0)"
+        )
     robot: Any = yourdfpy.URDF.load(str(path))
     if _BASE not in robot.link_map:
         raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")
@@ -61,16 +70,3 @@ def tiago_looks(bodies: Sequence[str]) -> BodyMeshes:
         )
         carried.append(mesh)
     return meshes
-
-
-def _description() -> Path:
-    """Path of PAL's robot description, or ModuleNotFoundError."""
-    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-        for file in importlib.metadata.files(DISTRIBUTION) or ():
-            path = Path(str(file.locate()))
-            if file.as_posix().endswith(_DESCRIPTION) and path.is_file():
-                return path
-    raise ModuleNotFoundError(
-        f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
-        "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"
-    )

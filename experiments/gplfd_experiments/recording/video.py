@@ -2,7 +2,6 @@
 
 import contextlib
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,9 +20,9 @@ from gplfd_policies.arrays.storage import complete_or_absent
 SUFFIX: Final = ".mp4"
 
 _CAMERA: Final = "overview"
+# Rendered pixels per pixel of the video, in each direction, for smooth edges. Without a
+# graphics card, this takes a quarter of the time of the renderer's antialiasing.
 _OVERSAMPLING: Final = 2
-"""Rendered pixels per pixel of the video, in each direction, for smooth edges. Without
-a graphics card, this takes a quarter of the time of the renderer's antialiasing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,9 +59,10 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
             f"--video writes {SUFFIX} files, got {str(file)!r}; give for example "
             f"--video {file.stem or 'opening'}{SUFFIX}"
         )
-    paths = {door: file.with_name(f"{file.stem}-{door}{file.suffix}") for door in doors}
-    if len(doors) == 1:
-        paths = {doors[0]: file}
+    paths = {doors[0]: file}
+    if len(doors) > 1:
+        end = file.suffix
+        paths = {door: file.with_name(f"{file.stem}-{door}{end}") for door in doors}
     for path in paths.values():
         if path.is_dir():
             raise ValueError(f"--video {path} is a folder; give the name of a file")
@@ -95,7 +95,10 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
     import imageio_ffmpeg
 
     rows, pause = form.rows(log), round(form.last * form.rate)
-    with complete_or_absent(path) as temporary:
+    data = mujoco.MjData(model)
+    width, height = (_OVERSAMPLING * side for side in form.size)
+    camera = Camera(model, width, height, _CAMERA, effects=False)
+    with contextlib.closing(camera), complete_or_absent(path) as temporary:
         # The temporary name has no suffix for the format.
         encoder = imageio_ffmpeg.write_frames(
             temporary,
@@ -105,10 +108,14 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
         )
         with contextlib.closing(encoder):
             encoder.send(None)
-            images = _images(log, model, rows, form.size)
-            for image in progress_bar(
-                images, total=rows.size, desc=path.name, unit=" images"
-            ):
+            for row in progress_bar(rows, desc=path.name, unit=" images"):
+                data.qpos[:] = log.motion.qpos[row]
+                mujoco.mj_forward(model, data)
+                try:
+                    drawn = camera.picture("rgb_array", data)
+                except RuntimeError as error:
+                    raise OSError(f"--video: {error}") from error
+                image = np.array(Image.fromarray(drawn).reduce(_OVERSAMPLING))
                 encoder.send(image)
             for _ in range(pause):
                 encoder.send(image)
@@ -120,21 +127,3 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
                 "there space on the disk?"
             )
     return written
-
-
-def _images(
-    log: EpisodeLog, model: Any, rows: NDArray[np.intp], size: tuple[int, int]
-) -> Iterator[NDArray[np.uint8]]:
-    """Yield an image (H, W, 3) of the scene in some rows of the log."""
-    data = mujoco.MjData(model)
-    width, height = (_OVERSAMPLING * side for side in size)
-    camera = Camera(model, width, height, _CAMERA, effects=False)
-    with contextlib.closing(camera):
-        for row in rows:
-            data.qpos[:] = log.motion.qpos[row]
-            mujoco.mj_forward(model, data)
-            try:
-                drawn = camera.picture("rgb_array", data)
-            except RuntimeError as error:
-                raise OSError(f"--video: {error}") from error
-            yield np.array(Image.fromarray(drawn).reduce(_OVERSAMPLING))

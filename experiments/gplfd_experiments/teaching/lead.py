@@ -37,12 +37,9 @@ _TURN: Final = 0.1  # Deflection of the wrist's spring at full input [rad]: 10 N
 
 
 def checked_input(values: object) -> Float[np.ndarray, " 9"]:
-    """Return a sample of a device, in the order of `INPUTS`.
+    """Return a sample of a device, in the order of `INPUTS`; deflections within ±1.
 
-    Deflections are limited to ±1.
-
-    Raises:
-        ValueError: It is not nine finite numbers.
+    Raises ValueError if it is not nine finite numbers.
     """
     try:
         sample = np.array(values, dtype=np.float64)

@@ -93,9 +93,7 @@ class Session:
     def exchange(self, request: Mapping[str, Any], now: float) -> tuple[Any, bytes]:
         """Process an input at a time [s]; return the state, as JSON, and the picture.
 
-        Raises:
-            ValueError: The request is not an input (`checked_input`) with a press of a
-                button.
+        Raises ValueError for a request without an input, or with an unknown button.
         """
         sample, press = checked_input(request.get("input")), request.get("press", "")
         if press not in PRESSES:
@@ -150,10 +148,9 @@ def teach(
 
 
 def serve(session: Session, task: str, *, device: str, host: str, port: int) -> None:
-    """Serve the page until the person finishes; `task` is its title.
+    """Serve the page, entitled by the task, until the person finishes.
 
-    Raises:
-        OSError: The address is taken.
+    Raises OSError if the address is taken.
     """
     # Pictures are drawn in the thread that made the session; requests wait for it.
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()

@@ -55,9 +55,8 @@ class Taught:
 class TaughtSet:
     """The demonstrations in a folder, to which more are added.
 
-    Raises:
-        ValueError: The folder holds something else, or a file is damaged.
-        OSError: It cannot be written.
+    Raises ValueError if the folder holds something else or a file is damaged, and
+    OSError if it cannot be written.
     """
 
     def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:

@@ -89,7 +89,12 @@ def open_doors(
         check_video()
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
-    looks = _looks(settings)
+    looks: BodyMeshes | None = None
+    if settings.looks == "tiago":
+        if settings.robot != "tiago-like":
+            raise ValueError(f"--looks tiago is not for --robot {settings.robot}")
+        scene = build_scene(DoorConfig())
+        looks = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
     _check_source(settings, tasks)
 
     started = time.perf_counter()
@@ -157,16 +162,6 @@ def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
         )
         for door, config in doors.items()
     ]
-
-
-def _looks(settings: RunSettings) -> BodyMeshes | None:
-    """Return the manufacturer's meshes for recordings, if they are asked for."""
-    if settings.looks == "primitives":
-        return None
-    if settings.robot != "tiago-like":
-        raise ValueError(f"--looks tiago is not for --robot {settings.robot}")
-    scene = build_scene(DoorConfig())
-    return tiago_looks([scene.body(index).name for index in range(scene.nbody)])
 
 
 def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:

@@ -17,10 +17,15 @@ from PIL import Image
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.teaching.lesson import DemonstrationLesson
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.teaching.lesson import CorrectionLesson, DemonstrationLesson
 from gplfd_experiments.teaching.page import Session, teach
-from gplfd_experiments.teaching.taught import TaughtSet
+from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
+from gplfd_policies import load_skill
 from gplfd_policies.demonstrations.npz import load_demonstrations
+from gplfd_policies.registry.catalogue import skill_method
+from gplfd_policies.registry.method import TrainingInput
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("opengl")]
 
@@ -87,6 +92,42 @@ def test_what_cannot_be_written_can_be_kept_later(
     assert (state["phase"], state["kept"]) == ("shown", 0)
     assert person("keep")["kept"] == 1
     assert len(TaughtSet(tmp_path, {}).kept) == 1
+
+
+def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
+    tmp_path: Path, visitor: Any
+) -> None:
+    gp, names = skill_method("gp"), ("small", "medium")
+    shown = Teacher().standard_demonstrations(seed=0)
+    bars = gp.learn(TrainingInput(demonstrations=shown))
+    store = CorrectedSkill(gp, bars, tmp_path / "better.npz")
+    tasks = [
+        episode_task(name, door_config(name), policy="gp", seed=0) for name in names
+    ]
+    lessons = [
+        partial(CorrectionLesson, task, store, "mouse", drawn=True) for task in tasks
+    ]
+    somebody = visitor(Session(lessons, store))
+    assert somebody(times=20)["time"] == 0.0
+    alone = [somebody("start"), somebody(times=60)][1]
+    assert alone["angle"] > 1.0
+    assert alone["hand"] == pytest.approx(alone["target"], abs=0.02)  # No spring.
+    told = somebody("stop")
+    assert told["phase"] == "ready"
+    assert "The hand was not led" in told["message"]
+    somebody("start")
+    assert somebody(sample=PULL, times=40)["phase"] == "leading"
+    told = somebody("stop")
+    assert (told["phase"], told["kept"]) == ("shown", 0)
+    assert "You led the hand for 1.2 s. Keep it?" in told["message"]
+    assert somebody("keep")["kept"] == 1
+    better = load_skill(store.place)
+    assert (better.count, len(better.corrections)) == (bars.count + 1, 1)
+    assert store.skill is not bars
+    with_it = [somebody("start"), somebody(times=60)][1]
+    assert (with_it["door"], with_it["angle"] != alone["angle"]) == ("small", True)
+    assert somebody("discard")["door"] == "medium"
+    assert somebody("finish")["message"] == f"1 in {store.place}."
 
 
 def send(port: int, body: Any, **headers: str) -> tuple[int, str]:
