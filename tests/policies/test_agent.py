@@ -19,8 +19,12 @@ from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import STEP_SHAPES
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
-from gplfd_policies.phase.path_phase import PathPhase
-from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate
+from gplfd_policies.phase.phase_rule import (
+    POSE_ERROR,
+    ClockPhase,
+    PathPhase,
+    PhaseEstimate,
+)
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

@@ -16,8 +16,7 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
 )
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
-from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.phase.phase_rule import PhaseNoise
+from gplfd_policies.phase.phase_rule import PathPhaseConfig, PhaseNoise
 
 ONES, NAN, INF = np.ones(6), np.nan, np.inf
 ACTIONS = np.arange(18.0).reshape(3, 6)

@@ -18,7 +18,7 @@ from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.movements.baselines.dmp import fit_dmp
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.phase_rule import PathPhase
 
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 # Preparing demonstrations says what it found.

@@ -10,8 +10,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     normalised,
 )
-from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
-from gplfd_policies.phase.phase_rule import PhaseNoise
+from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig, PhaseNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import Demonstration, align
-from gplfd_policies.demonstrations.rests import without_rests
+from gplfd_policies.demonstrations.alignment import without_rests
 
 MOVING = 5.0
 FINAL_ANGLE = np.radians(67.0)

@@ -16,7 +16,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     size_visibility,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.phase.path_phase import PathPhase
+from gplfd_policies.phase.phase_rule import PathPhase
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 

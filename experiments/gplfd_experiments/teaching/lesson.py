@@ -18,9 +18,9 @@ from gplfd_experiments.episodes.practice import LOST
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View
 from gplfd_experiments.teaching.taught import CorrectedSkill, Taught
+from gplfd_policies.demonstrations.alignment import without_rests
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.rests import without_rests
 
 SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 

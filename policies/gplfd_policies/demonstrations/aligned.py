@@ -17,7 +17,6 @@ from gplfd_env.spatial.se3 import pose_steps
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
-from gplfd_policies.demonstrations.rests import Rest
 
 _TAIL: Final = 0.25
 """Share of the path, before its end, that defines the continued screw motion."""
@@ -31,6 +30,14 @@ _AHEAD: Final = np.array([0.5, 0.75, 1.0])
 """Points at which that error is measured, as shares of the part that was cut off."""
 
 Shares = Float[np.ndarray, " S"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Rest:
+    """A part without motion that was left out, by the time stamps [s]."""
+
+    start: float
+    end: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,8 +1,9 @@
 """Temporal alignment of demonstrations with different timing.
 
-Demonstrations are matched where the same share of the task is completed. Equation
-numbers refer to Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979.
+Rests are left out first, because people wait before and after they move: a rest is not
+a part of the task, and the phase of a hand at rest is ambiguous. Then demonstrations
+are matched where the same share of the task is completed. Equation numbers refer to
+Arduengo et al., arXiv:2002.09979.
 """
 
 import warnings
@@ -17,12 +18,11 @@ from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, pose_distance, pose_steps
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Int, Outputs, Times
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, Rest
 from gplfd_policies.demonstrations.demonstration import (
     Demonstration,
     checked_demonstrations,
 )
-from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_rests
 
 _NOISY_LENGTH_RATIO: Final = 1.1
 """Length of a path over its denoised length above which a warning is issued."""
@@ -38,6 +38,23 @@ rest, and shifts other matches by no more than this."""
 LARGEST_TABLE: Final = 10**8
 """Greatest number of cells: two sequences of 10,000, a few seconds and 100 MB."""
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
+_HALF_CHORD: Final = 0.02
+"""Half of the length of chords that define the speed, as a share of the
+demonstration."""
+_FAST: Final = 95.0
+"""Percentile of the speed that counts as the motion's fast speed."""
+_SLOW: Final = 0.05
+"""A hand slower than this share of the fast speed may be at rest."""
+_UNMOVED: Final = 0.01
+"""Largest share of the path's length covered during a rest: a slow hand that covers
+more is unlatching a door or searching for contact."""
+_LONGEST: Final = 0.10
+"""Least duration of a rest, as a share of the moving time: shorter ones are starts,
+stops or hesitation."""
+_WORTH_SAYING: Final = 0.02
+"""Fraction of trimmed time above which a warning is issued."""
+_KEPT: Final = 0.05
+"""Share of the moving time to which a rest is shortened."""
 
 AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
@@ -98,7 +115,7 @@ def align(
         rotation_weight: ω₁ of Eq. (17), within [0, 1].
         denoise: Whether completion is measured on the denoised paths.
         trim_rests: Whether periods without motion are left out first, see
-            `gplfd_policies.demonstrations.rests`.
+            `without_rests`.
 
     Returns:
         The aligned demonstrations with their mean duration, the clock of each, and the
@@ -339,6 +356,93 @@ def _warn_of_noise(ratios: Sequence[float], denoise: bool) -> None:
         f"sensor noise: {noisy} of {len(ratios)} demonstrations have a raw path more "
         f"than {_NOISY_LENGTH_RATIO} times as long as the denoised one (up to "
         f"{max(ratios):.2f} times). {done}",
+        UserWarning,
+        stacklevel=3,
+    )
+
+
+def without_rests(
+    demonstration: Demonstration,
+) -> tuple[Demonstration, tuple[Rest, ...]]:
+    """Return a demonstration with shortened rests, and the parts left out.
+
+    A hand is at rest if its speed, from chords of the smoothed path, stays below 5 % of
+    the motion's fast speed for more than 10 % of the moving time, and if it covers less
+    than 1 % of the path. 5 % of the moving time is kept next to the motion, so that
+    gentle starts and stops are kept.
+    """
+    times, poses = demonstration.times, demonstration.poses
+    # Extended by its mirror image, so that a path that ends at rest stays at rest.
+    blurred = scipy.ndimage.gaussian_filter1d
+    smooth = np.asarray(blurred(poses, _BANDWIDTH * len(poses), axis=0, mode="reflect"))
+    # Slow intervals, from first to last sample.
+    reach = _HALF_CHORD * (times[-1] - times[0])
+    ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
+    before, after = (interpolated(end, times, smooth) for end in ends)
+    speed = np.asarray(pose_distance(after, before, 0.5)) / (ends[1] - ends[0])
+    slow = speed < _SLOW * np.percentile(speed, _FAST)
+    edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+
+    unmoved = _UNMOVED * float(pose_steps(smooth).sum())
+    moving = float(np.diff(times)[~slow[1:]].sum())
+    kept = _KEPT * moving
+    rests = []
+    for first, last in zip(starts.tolist(), stops.tolist(), strict=True):
+        start, end = float(times[first]), float(times[last])
+        if not times[last] - times[first] > _LONGEST * moving:
+            continue
+        if not float(pose_distance(smooth[last], smooth[first], 0.5)) <= unmoved:
+            continue
+        if first > 0 and last < len(times) - 1:
+            rests.append(Rest(start=start + 0.5 * kept, end=end - 0.5 * kept))
+        elif first > 0:
+            rests.append(Rest(start=start + kept, end=end))
+        else:
+            rests.append(Rest(start=start, end=end - kept))
+
+    remaining, clock = np.full(times.shape, True), times.copy()
+    for rest in rests:
+        remaining &= (times < rest.start) | (times >= rest.end)
+        clock[times >= rest.end] -= rest.end - rest.start
+    if not rests or np.count_nonzero(remaining) < 2:
+        return demonstration, ()
+    wrenches = demonstration.wrenches
+    trimmed = Demonstration(
+        times=clock[remaining],
+        poses=poses[remaining],
+        wrenches=None if wrenches is None else wrenches[remaining],
+    )
+    return trimmed, tuple(rests)
+
+
+def moving_span(demonstration: Demonstration) -> tuple[float, float]:
+    """Return start and end of a demonstration without rests at its ends [s]."""
+    start, end = (float(demonstration.times[place]) for place in (0, -1))
+    first, last = start, end
+    _, rests = without_rests(demonstration)
+    for rest in rests:
+        if rest.start <= first:
+            start = rest.end
+        if rest.end >= last:
+            end = rest.start
+    return start, end
+
+
+def warn_of_rests(
+    demonstrations: Sequence[Demonstration], rests: Sequence[tuple[Rest, ...]]
+) -> None:
+    """Warn once if 2 % of the recorded time or more was left out as rests."""
+    lengths = [rest.end - rest.start for left_out in rests for rest in left_out]
+    whole = sum(float(motion.times[-1] - motion.times[0]) for motion in demonstrations)
+    if sum(lengths) < _WORTH_SAYING * whole:
+        return
+    resting = sum(bool(left_out) for left_out in rests)
+    warnings.warn(
+        f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
+        f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "
+        "s at a time. The result's `rests` say where; align(..., trim_rests=False) "
+        "keeps them.",
         UserWarning,
         stacklevel=3,
     )

@@ -2,22 +2,48 @@
 
 The policy of Arduengo et al., arXiv:2002.09979, is a function of time, but a compliant
 robot lags behind the clock. Conditioning on "at clock time t the hand is here" makes
-the policy learn its own lag. Progress is therefore estimated from the path.
+the policy learn its own lag. Progress is therefore estimated from the path: the phase
+of an observation is the one at which the *demonstrations* are nearest to it, corrected
+for the heading error estimated from the path so far.
 """
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.validation.fields import Quantities, quantity
+from gplfd_env.validation.fields import Quantities, check_quantities, quantity
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes
-from gplfd_policies.demonstrations.path_similarity import SizePosterior
+from gplfd_policies.arrays.shapes import Axes, Float, Int
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.path_similarity import (
+    PathSimilarity,
+    SimilarityConfig,
+    SimilarityModel,
+    SizePosterior,
+    normalised,
+)
+from gplfd_policies.demonstrations.turned_handle import (
+    TurnedHandle,
+    seen_at,
+    turned_handle,
+)
+from gplfd_policies.movements.movement import Predictor
 
+_GRID: Final = np.linspace(0.0, 1.0, 201)
+_POINTS: Final = _GRID.tolist()
+_SPACING: Final = float(_GRID[1])
+_FAR: Final = 1e100
+"""Standard deviation of the direction outside the grid; the cost there is greater."""
+
+_FEATURES: Final = 6
+"""Number of features of a pose."""
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
 slip of the grasp; rotation [rad], turning of the hand on the bar. A friction grasp
@@ -105,3 +131,292 @@ class ClockPhase:
     def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return zero: the phase is treated as certain."""
         return np.zeros((*phases.shape, 6))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PathPhaseConfig:
+    """Settings of the estimation of the phase from the path."""
+
+    noise: PhaseNoise = field(default_factory=PhaseNoise)
+    """Errors of the observed pose beyond the demonstrations' spread."""
+    similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
+    """Estimation of size and heading error."""
+    distance_share: float = quantity(0.03, low=0.0)
+    """Additional standard deviation of the distance from the start, as a share of the
+    distance. Tuned."""
+    window: tuple[float, float] = (0.02, 0.05)
+    """Greatest change of the phase per observation: backward, forward."""
+    least_std: float = quantity(0.003, above=0.0)
+    """Least standard deviation of a phase. Tuned."""
+    largest_std: float = quantity(0.1, above=0.0)
+    """Greatest standard deviation of a phase. Tuned."""
+    lost_misfit: float = quantity(3.0, low=0.0)
+    """Misfit above which the phase is searched along the whole task. Tuned."""
+    clearer_share: float = quantity(0.5, low=0.0, high=1.0)
+    """A phase elsewhere needs a misfit of less than this share of the nearby one."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if len(self.window) != 2 or not all(0.0 <= w < math.inf for w in self.window):
+            raise ValueError(
+                "PathPhaseConfig.window must be two finite phases >= 0, backward and "
+                f"forward, got {self.window}"
+            )
+
+
+class PathPhase:
+    """The phase at which the demonstrated distribution is nearest to a pose.
+
+    The features of a pose are the distance ρ = |v| of the hand from the closed handle,
+    the direction u = v/|v| of that displacement, and the hand's rotation θ. If a handle
+    is turned first, v is the displacement of the handle's axis, and θ is the rotation
+    of the leaf plus the greatest turn of the handle so far
+    (`gplfd_policies.demonstrations.turned_handle`): the handle turns back because the
+    policy commands it. A path that is scaled by c and observed with a rotation α_c has
+    the Mahalanobis distance
+
+        d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)² + σ_ρ²) + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²)
+                   + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
+
+    with the demonstrations' means ρ̄(s), û(s), θ̄(s) (ρ̄ and û after normalisation to
+    equal size and heading), their variances σ(s)², ς(s)², the errors n of `PhaseNoise`
+    and κ, `PathPhaseConfig.distance_share`. The phase has the least cost -2 log Σ_c w_c
+    exp(-d²(s, c)/2). The weights w_c, angles α_c and variances v_c of the sizes are
+    those of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. The
+    logarithms that would make it a likelihood are left out, because they favour early
+    phases, where the demonstrations agree, over the hand's progress.
+
+    The standard deviation of the phase follows from the curvature of the cost. The
+    misfit √(E d²/6) at the best phase is about 1 or less if errors are as expected. If
+    it is larger, the standard deviation grows with it (Birge's ratio); above
+    `lost_misfit` the phase is searched along the whole task and not only near the last
+    phase.
+
+    The distribution before adaptation is used, so that the policy's adaptation to the
+    robot's own errors does not affect the estimate. It is predicted by the learned
+    movement or, for a method without uncertainty, by
+    `gplfd_policies.movements.movement.EmpiricalDistribution`; it must be finite.
+    """
+
+    def __init__(
+        self,
+        demonstrated: Predictor,
+        aligned: AlignedDemonstrations,
+        config: PathPhaseConfig = PathPhaseConfig(),
+    ) -> None:
+        prediction = demonstrated.predict(_GRID)
+        if not (
+            np.isfinite(prediction.mean).all() and np.isfinite(prediction.std).all()
+        ):
+            raise ValueError(
+                f"PathPhase needs a finite mean and spread, but "
+                f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
+                "EmpiricalDistribution(aligned) instead"
+            )
+        handle, means, noise = turned_handle(aligned), prediction.mean, config.noise
+        if handle is not None:
+            aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
+            split = map(handle.swing_twist, means[:, 3:].tolist())
+            leaves, turns = zip(*split, strict=True)
+            # That the handle goes back is the policy's own doing.
+            most = np.maximum.accumulate(np.maximum(turns, 0.0))
+            means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
+        similar, _ = normalised(aligned)
+        direction, others = _directions(similar, _GRID)
+        # Long enough for any window; rounding may change its size by a point.
+        self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
+        # Features first, so that a search reads the same range of each. The grid is
+        # padded on both sides, far from any pose, for ranges that extend beyond it.
+        features = np.zeros((13, _GRID.size + 2 * self._stretch.size))
+        features[4:7] = _FAR
+        features[11] = 1.0
+        features[:, self._stretch.size : -self._stretch.size] = np.vstack(
+            [
+                np.sqrt(others[0]),
+                means[:, 3:].T,
+                direction.T,
+                others[0],
+                1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
+                others[1:],
+            ]
+        )
+        self._features, self._rates = features, prediction.mean_rate
+        self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
+        self._handles: list[TurnedHandle | None] = [handle]
+        self._turned = [0.0]
+        self.settings = config
+        model = SimilarityModel.of(aligned, config.similarity)
+        self._similarities: list[PathSimilarity] = [model.prior()]
+
+    @classmethod
+    def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
+        """Return one rule for the rows of several, in order."""
+        together = copy.copy(rules[0])
+        together._features = np.hstack([rule._features for rule in rules])
+        together._rates = np.vstack([rule._rates for rule in rules])
+        together._numbers = np.arange(len(together._rates) // _GRID.size)
+        together._turned = [0.0 for rule in rules for _ in rule._handles]
+        together._handles = [handle for rule in rules for handle in rule._handles]
+        similar = [path for rule in rules for path in rule._similarities]
+        together._similarities = [path.model.prior() for path in similar]
+        return together
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget the paths of these rows and begin at the start of the task."""
+        for number in np.ravel(self._numbers[rows]).tolist():
+            similarity = self._similarities[number]
+            self._similarities[number] = similarity.model.prior()
+            self._turned[number] = 0.0
+
+    def update(
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
+    ) -> PhaseEstimate:
+        """Return the phases of observed poses, whatever those of the commands."""
+        numbers = np.ravel(self._numbers[rows]).tolist()
+        if not numbers:
+            return PhaseEstimate(previous, previous, previous)
+
+        # Features (7, *N): ρ, θ, u, and the likely sizes (6, *N, K) given the path so
+        # far. For a few numbers per row, Python's floats are as fast as NumPy.
+        observed, similarities = [], []
+        for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
+            x, y, z, *rotation = pose
+            handle = self._handles[number]
+            if handle is not None:
+                x, y, z = handle.axis_displacement(pose)
+                leaf, turn = handle.swing_twist(rotation)
+                most = self._turned[number] = max(self._turned[number], turn)
+                pairs = zip(leaf, handle.axis, strict=True)
+                rotation = [part + most * along for part, along in pairs]
+            similarity = self._similarities[number]
+            similarity = similarity.updated(math.hypot(x, z), math.atan2(-z, x))
+            self._similarities[number] = similarity
+            far = math.sqrt(x * x + y * y + z * z) + 1e-9
+            observed.append((far, *rotation, x / far, y / far, z / far))
+            similarities.append(similarity.features)
+        features = np.array(observed).T.reshape(7, *poses.shape[:-1])
+        similar = similarities[0]
+        if poses.ndim > 1:
+            similar = np.stack(similarities, axis=1)
+
+        # Search near the previous phases: grid points first to first + size.
+        backward, forward = self.settings.window
+        windows = []
+        for phase in np.ravel(previous).tolist():
+            first = math.floor((phase - backward) / _SPACING) - 1
+            windows.append((first, math.ceil((phase + forward) / _SPACING) + 2 - first))
+        width, edge = self._features.shape[1] // self._numbers.size, self._stretch.size
+        firsts = np.array([first for first, _ in windows], dtype=np.int64)
+        column = self._numbers[rows] * width + edge + firsts.reshape(previous.shape)
+        if column.ndim == 0:
+            near = self._features[:, column : column + edge]
+        else:
+            near = self._features.take(column[:, None] + self._stretch, axis=1)
+        ranges = self._cost(near, features, similar)
+        costs = [values.reshape(len(numbers), -1) for values in ranges]
+
+        # Search the whole task if no phase near the last one fits.
+        estimates, sizes = [], []
+        for index, (number, cost, error, near_by, (first, size)) in enumerate(
+            zip(numbers, *costs, windows, strict=True)
+        ):
+            best, weights = self._nearest(cost[:size], error, first), near_by
+            if best[2] > self.settings.lost_misfit:
+                begin = number * width + edge
+                whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
+                pose_features = features.reshape(7, -1)[:, index]
+                alone = similarities[index]
+                everywhere, errors, others = self._cost(whole, pose_features, alone)
+                anywhere = self._nearest(everywhere, errors, -1)
+                if anywhere[2] < self.settings.clearer_share * best[2]:
+                    best, weights = anywhere, others
+            estimates.append(best)
+            sizes.append(self._similarities[number].posterior.reweighted(weights))
+        phases, stds, misfits = np.array(estimates).T.reshape(3, *previous.shape)
+        return PhaseEstimate(phases, stds, misfits, tuple(sizes))
+
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
+        """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
+        nearest = np.rint(phases / _SPACING).astype(np.int64)
+        return self._rates.take(self._numbers[rows] * _GRID.size + nearest, axis=0)
+
+    def _nearest(
+        self, cost: Float[np.ndarray, " W"], error: Float[np.ndarray, " _"], first: int
+    ) -> tuple[float, float, float]:
+        """Return the phase of least cost, between grid points, its std and misfit.
+
+        They follow from a parabola through the least cost and its neighbours; if a
+        neighbour lies outside the search, which begins at grid point `first`, the phase
+        is the grid point and the standard deviation the largest.
+        """
+        largest = self.settings.largest_std
+        best = int(cost.argmin())
+        point = _POINTS[min(max(first + best, 0), _GRID.size - 1)]
+        misfit = math.sqrt(float(error[best]) / _FEATURES)
+        if not 0 < best < cost.size - 1:
+            return point, largest, misfit
+        before, here, after = cost[best - 1 : best + 2].tolist()
+        curvature = before - 2.0 * here + after
+        if not 0.0 < curvature < _FAR:
+            return point, largest, misfit
+        std = _SPACING * math.sqrt(2.0 / curvature) * max(misfit, 1.0)
+        vertex = point + 0.5 * (before - after) / curvature * _SPACING
+        return vertex, min(max(std, self.settings.least_std), largest), misfit
+
+    def _cost(
+        self,
+        features: Float[np.ndarray, "*F W"],
+        observed: Float[np.ndarray, "*E"],
+        sizes: Float[np.ndarray, "6 *N C"],
+    ) -> tuple[
+        Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"], Float[np.ndarray, "*N C"]
+    ]:
+        """Return the cost of observed features (7, *N) along ranges of the grid.
+
+        Also the expectation of d² over sizes, and the weights max_s w_c exp(-d²(s,
+        c)/2) of the sizes, up to a factor: the fit of a size at its best phase.
+        """
+        pose, along = observed[..., None], features[:, ..., None, :]
+        log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
+        turn = (features[1:4] - pose[1:4]) ** 2
+        turning = np.add.reduce(turn * features[8:11], axis=0)
+        # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
+        radial = (observed[0][..., None, None] - size * along[0]) ** 2
+        share = self.settings.distance_share**2 + size_variance
+        radial /= self.settings.noise.position**2 + share * along[7] + along[12]
+        x, y, z = (part[..., None, None] for part in observed[4:7])
+        sideways = (cosine * x - sine * z - along[4]) ** 2
+        sideways += (y - along[5]) ** 2
+        sideways += (sine * x + cosine * z - along[6]) ** 2
+        blur = (self.settings.noise.position / observed[0][..., None, None]) ** 2
+        error = radial + sideways / (along[11] + (blur + variance))
+        exponent = log_weight - 0.5 * error
+        highest = exponent.max(axis=-2)
+        likely = np.exp(exponent - highest[..., None, :])
+        total = np.add.reduce(likely, axis=-2)
+        cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
+        expected = turning + np.add.reduce(likely * error, axis=-2) / total
+        share = np.exp(highest - 0.5 * turning - (-0.5 * cost).max(-1, keepdims=True))
+        weights = np.maximum.reduce(likely * share[..., None, :], axis=-1)
+        return cost, expected, weights
+
+
+def _directions(
+    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
+) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, "3 G"]]:
+    """Return the mean direction at phases, and features of the displacement.
+
+    They are the square of the mean distance [m²], the variance of the direction out of
+    the plane [rad²] and the variance of the distance [m²] of demonstrations that are
+    normalised to equal size and heading.
+    """
+    positions = np.stack(
+        [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]
+    )
+    mean = positions.mean(axis=0)
+    length = np.sqrt((mean**2).sum(axis=1))
+    least = np.maximum(length, 1e-3)
+    direction = mean / least[:, None]
+    off_plane = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
+    distance = (positions * direction).sum(axis=2).var(axis=0)
+    return direction, np.array([length**2, off_plane, distance])

@@ -64,7 +64,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 )
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.phase.path_phase import PathPhaseConfig
+from gplfd_policies.phase.phase_rule import PathPhaseConfig
 from gplfd_policies.registry.method import (
     Method,
     Policy,

@@ -40,8 +40,12 @@ from gplfd_policies.movements.movement import (
 )
 from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
-from gplfd_policies.phase.phase_rule import ClockPhase, PhaseRule
+from gplfd_policies.phase.phase_rule import (
+    ClockPhase,
+    PathPhase,
+    PathPhaseConfig,
+    PhaseRule,
+)
 
 _GRID: Final = 100
 """Number of grid phases of an agent's movement."""

@@ -21,9 +21,8 @@ from gplfd_experiments.data.preparation.samples import (
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.alignment import align, moving_span
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.rests import moving_span
 
 # Spans of a motion outside of which its unit is probably not the metre [m].
 _SMALL, _LARGE = 0.01, 3.0
