@@ -1,17 +1,15 @@
 """Model of the smooth deviations of demonstrations from their mean.
 
 The paper puts the spread of the demonstrations into Eq. (11) as diag(R), white noise,
-so that the door's radius observed at one phase has no effect at other phases. Here,
-different from the paper, a deviation of one output is a process of the same variance
-r(t) with covariance
+so that the door's radius observed at one phase has no effect at other phases. Here a
+deviation of one output is a process of the same variance r(t) with covariance
 
     √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          variation with the task
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
-never exceeds the spread, u = r − v is the rest, and k is a unit RBF. If the wobble were
-a constant *share* of r, centimetres of spread at late phases, due to the radius, would
-make the millimetres at early phases unpredictable.
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF. A wobble of a
+constant *share* of r would make the millimetres at early phases unpredictable.
 
 The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
 to zero, which leaves D − 1 independent ones
@@ -22,9 +20,8 @@ to zero, which leaves D − 1 independent ones
 This likelihood mainly depends on the variation between neighbouring samples; a forecast
 needs the variation over half a task. Therefore one factor on the wobble variances c of
 all outputs is selected by `forecast_score`: each demonstration in turn is compared to
-the mean of the others, e_k D/(D − 1), its start is conditioned on, and the rest is
-scored by its Student-t density, ν = D − 1, sample by sample
-(``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
+the mean of the others, its start is conditioned on, and the rest is scored by its
+Student-t density (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
 from collections.abc import Sequence

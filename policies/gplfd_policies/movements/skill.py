@@ -168,8 +168,11 @@ class Skill(LearnedMovement):
         variance_rate = moments.noise_rate + np.where(
             smooth, moments.latent_rate, share_rate
         )
+        displacement = None
         if self.count == 1:
-            displacement = self._unknown_size(moments)
+            # γ (m(t) - m(0)), by the unknown size of a single demonstration.
+            start = self.processes.moments(self.aligned.times[:1]).mean
+            displacement = SIZE_STD * (moments.mean - start)
             variance = variance + displacement**2
             variance_rate += 2.0 * SIZE_STD * displacement * moments.mean_rate
         std = np.sqrt(variance)
@@ -179,11 +182,13 @@ class Skill(LearnedMovement):
             std=std,
             mean_rate=moments.mean_rate,
             std_rate=variance_rate / (2.0 * std),
-            covariance_function=partial(self._covariance, times, moments),
+            covariance_function=partial(self._covariance, times, moments, displacement),
             degrees_of_freedom=self.degrees_of_freedom,
         )
 
-    def _covariance(self, times: Times, moments: OutputMoments) -> Covariances:
+    def _covariance(
+        self, times: Times, moments: OutputMoments, displacement: Outputs | None
+    ) -> Covariances:
         """Eq. (11), the posterior of f scaled to the variance of `predict`."""
         covariance = self.processes.latent_covariance(times)
         floor = self.smoothness / self.count * moments.noise
@@ -193,15 +198,9 @@ class Skill(LearnedMovement):
         diagonal = np.arange(len(times))
         variance = np.maximum(moments.latent, floor) + moments.noise
         covariance[:, diagonal, diagonal] = variance.T
-        if self.count == 1:
-            displacement = self._unknown_size(moments)
+        if displacement is not None:
             covariance += np.einsum("mi,ni->imn", displacement, displacement)
         return covariance
-
-    def _unknown_size(self, moments: OutputMoments) -> Outputs:
-        """γ (m(t) - m(0)): deviation by the unknown size of a single demonstration."""
-        start = self.processes.moments(self.aligned.times[:1]).mean
-        return np.asarray(SIZE_STD * (moments.mean - start))
 
     def save(self, path: str | Path) -> None:
         """Save the skill to a file, complete or absent; `load_skill` reads it.

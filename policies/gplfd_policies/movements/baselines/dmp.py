@@ -2,20 +2,18 @@
 
 Ijspeert et al., *Dynamical Movement Primitives*, Neural Computation 25(2), 2013; the
 goal enters as in Pastor et al., ICRA 2009, and orientation as in Koutras and Doulgeri,
-*A correct formulation for the Orientation Dynamic Movement Primitives*, CoRL 2019.
-
-With τ the phase from start to end, x the phase variable (τ ẋ = -α_x x, 1 at the start),
-ξ = (p, e) position [m] and orientation error [rad], ψ_i normalised Gaussians:
+CoRL 2019. With τ the phase from start to end, x the phase variable (τ ẋ = -α_x x, 1 at
+the start), ξ = (p, e) position [m] and orientation error [rad], ψ_i normalised
+Gaussians:
 
     τ² ξ̈ = α β (ξ_g - ξ) - α τ ξ̇ - α β (ξ_g - ξ_0) x + f(x),   β = α / 4
     f(x) = x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
 
 e = 2 log(q_g q*) is the rotation vector from q to the goal q_g, so that every component
-is a separate damped oscillator. With the angular velocity instead of -ė (Ude et al.,
-ICRA 2014) they are coupled, and motions that do not go straight to the goal are
-distorted (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
-f(x) is not scaled by goal minus start, which is mostly noise for a component that ends
-where it began.
+is a separate damped oscillator. With the angular velocity instead of -ė they are
+coupled (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``). f(x)
+is not scaled by goal minus start, which is mostly noise for a component that ends where
+it began.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
 """A Gaussian process whose prior is a Gaussian mixture regression.
 
-Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
-with model-based Gaussian process*, CoRL 2019. The prior mean is the mean m(t) of the
-regression, the prior covariance between two phases
+Jaquier, Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian
+process*, CoRL 2019. The prior mean is the mean m(t) of the regression, the prior
+covariance between two phases
 
     K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t'),
 
@@ -10,9 +10,8 @@ with the responsibilities h_l and conditional covariances Σ̂_l (6 × 6) of the
 and a Matérn-5/2 correlation k_l per component. The mixture and the length-scales are
 learned from demonstrations; the process is conditioned only on via-points.
 
-As published, K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression
-where components overlap, so it is over-confident there. ``weight_power = 0.5`` gives
-Σ_l h_l Σ̂_l.
+As published, K(t, t) = Σ_l h_l² Σ̂_l is over-confident where components overlap.
+``weight_power = 0.5`` gives Σ_l h_l Σ̂_l.
 """
 
 from collections.abc import Sequence

@@ -15,7 +15,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -64,9 +63,6 @@ class Standardisation:
 
     offset: Pose
     scale: Pose
-
-    def __post_init__(self) -> None:
-        freeze(self, "offset", "scale")
 
     @classmethod
     def of(cls, poses: Float[np.ndarray, "K M 6"]) -> "Standardisation":

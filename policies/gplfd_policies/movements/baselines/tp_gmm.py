@@ -31,7 +31,6 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
@@ -64,9 +63,6 @@ class Frame:
     basis: Float[np.ndarray, "6 6"]
     origin: Pose
 
-    def __post_init__(self) -> None:
-        freeze(self, "basis", "origin")
-
     def seen(self, poses: Outputs) -> Outputs:
         """X = A⁻¹ (ξ − b)."""
         return np.linalg.solve(self.basis, (poses - self.origin).T).T
@@ -92,9 +88,6 @@ class CircleDistribution:
 
     mean: Float[np.ndarray, " 3"]
     covariance: Float[np.ndarray, "3 3"]
-
-    def __post_init__(self) -> None:
-        freeze(self, "mean", "covariance")
 
     def through(self, via_points: Sequence[ViaPoint]) -> "CircleDistribution":
         """Return the circle conditioned on further points with known x and z.

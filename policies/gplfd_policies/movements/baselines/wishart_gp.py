@@ -140,13 +140,6 @@ class WishartPrior:
         inner += self.floor * self.degrees * np.eye(len(self.lower))
         return np.asarray(self.lower @ inner @ self.lower.T)
 
-    def covariance(
-        self, weights: Float[np.ndarray, "nu d R"], times: Times
-    ) -> Float[np.ndarray, "M d d"]:
-        """Σ(t) for the weights."""
-        unit = np.einsum("kdr,mr->mdk", weights, self.features(times))
-        return self.scaled(unit @ unit.swapaxes(1, 2))
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartLikelihood:
