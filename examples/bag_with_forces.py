@@ -21,15 +21,8 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_policies import make_agent
 
-DOORS = tuple(
-    {"radius": radius, "closer": {"preload": moment}}
-    for radius, moment in zip(
-        (0.35, 0.40, 0.47, 0.53, 0.60, 0.65),
-        (0.0, 3.0, 6.0, 2.0, 8.0, 5.0),
-        strict=True,
-    )
-)
-"""Doors of several radii [m], with closers [N m]."""
+DOORS = {0.35: 0.0, 0.40: 3.0, 0.47: 6.0, 0.53: 2.0, 0.60: 8.0, 0.65: 5.0}
+"""Doors by radius [m], with the moments of their closers [N m]."""
 BASE = Rotation.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Axes of the task frame (x towards the robot, y up) in the base (x ahead, z up)."""
 HANDLE = np.array([0.8, 0.0, 1.0])
@@ -61,39 +54,32 @@ def opened(door):
 
 
 def write_bag(folder, rows):
+    kinds = {"/ee_pose": "PoseStamped", "/wrist_ft": "WrenchStamped"}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         topics = {
             name: bag.add_connection(name, f"geometry_msgs/msg/{kind}", typestore=STORE)
-            for name, kind in (
-                ("/ee_pose", "PoseStamped"),
-                ("/wrist_ft", "WrenchStamped"),
-            )
+            for name, kind in kinds.items()
         }
         for seconds, position, quaternion, force, moment in rows:
             stamp = round(1e9 * (1000.0 + seconds))
             time = message("builtin_interfaces/Time", stamp // 10**9, stamp % 10**9)
             header = message("std_msgs/Header", time, "base")
-            pose = message(
-                "geometry_msgs/Pose",
-                message("geometry_msgs/Point", *position),
-                message("geometry_msgs/Quaternion", *quaternion),
-            )
-            wrench = message(
-                "geometry_msgs/Wrench",
-                message("geometry_msgs/Vector3", *force),
-                message("geometry_msgs/Vector3", *moment),
-            )
-            for name, kind, content in (
-                ("/ee_pose", "geometry_msgs/PoseStamped", pose),
-                ("/wrist_ft", "geometry_msgs/WrenchStamped", wrench),
-            ):
-                stamped = message(kind, header, content)
+            point = message("geometry_msgs/Point", *position)
+            turn = message("geometry_msgs/Quaternion", *quaternion)
+            vectors = (message("geometry_msgs/Vector3", *v) for v in (force, moment))
+            contents = {
+                "/ee_pose": message("geometry_msgs/Pose", point, turn),
+                "/wrist_ft": message("geometry_msgs/Wrench", *vectors),
+            }
+            for name, content in contents.items():
+                stamped = message(f"geometry_msgs/{kinds[name]}", header, content)
                 data = STORE.serialize_cdr(stamped, topics[name].msgtype)
                 bag.write(topics[name], stamp, data)
 
 
 folder = Path("bags")
 folder.mkdir()
-for number, door in enumerate(DOORS):
+for number, (radius, moment) in enumerate(DOORS.items()):
+    door = {"radius": radius, "closer": {"preload": moment}}
     write_bag(folder / f"door_{number}", opened(door))
 print(f"{len(DOORS)} bags in {folder}")

@@ -32,12 +32,9 @@ class Clone:
         self.inputs, self.outputs = StandardScaler(), StandardScaler()
         scaled = self.inputs.fit_transform(observations)
         targets = self.outputs.fit_transform(actions)
-        self.network = MLPRegressor(
-            hidden_layer_sizes=(64, 64),
-            activation="tanh",
-            batch_size=256,
-            random_state=np.random.RandomState(seed),
-        )
+        random = np.random.RandomState(seed)
+        shape = {"hidden_layer_sizes": (64, 64), "activation": "tanh"}
+        self.network = MLPRegressor(**shape, batch_size=256, random_state=random)
         for _ in range(EPOCHS):
             self.network.partial_fit(scaled, targets)
 
@@ -49,13 +46,8 @@ class Clone:
 
 def lessons(teacher, seed):
     """Return observations (N, 33) and actions (N, 6) of `gp` in units of ±1."""
-    envs = gym.make_vec(
-        ENVIRONMENT_ID,
-        num_envs=len(RADII),
-        door=RADII.tolist(),
-        randomization="mild",
-        autoreset_mode="Disabled",
-    )
+    doors = {"door": RADII.tolist(), "randomization": "mild"}
+    envs = gym.make_vec(ENVIRONMENT_ID, len(RADII), autoreset_mode="Disabled", **doors)
     teachers = batch_agents([copy.deepcopy(teacher) for _ in RADII])
     observations, _ = envs.reset(seed=seed)
     teachers.reset(observations)

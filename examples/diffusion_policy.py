@@ -3,15 +3,12 @@
     gplfd run --policy examples/diffusion_policy.py:make
     gplfd benchmark --config small --policies gp examples/diffusion_policy.py:make
 
-Networks are kept in `results/diffusion`, one per set of demonstrations and seed.
-
-Model: Chi et al., *Diffusion Policy*, RSS 2023, arXiv:2303.04137. Noise schedule:
-Nichol and Dhariwal, arXiv:2102.09672. Sampling: DDIM, Song et al., arXiv:2010.02502. A
-network predicts the noise in a chunk of future poses, given the present pose; it knows
-no time, phase, force or radius. Poses of a chunk are relative to the present pose, in
-its axes (Chi et al., *Universal Manipulation Interface*, arXiv:2402.10329). Deviations:
-the network is a residual MLP instead of a U-Net, because the state has six numbers;
-one pose of every chunk is executed.
+Networks are kept in `results/diffusion`, one per set of demonstrations and seed. Model,
+noise schedule, sampling and chunks: arXiv:2303.04137, 2102.09672, 2010.02502 (DDIM),
+2402.10329. A network predicts the noise in a chunk of future poses, relative to the
+present pose and in its axes; it knows no time, phase, force or radius. Deviations: a
+residual MLP instead of a U-Net, because the state has six numbers; one pose of every
+chunk is executed.
 """
 
 import hashlib
@@ -38,20 +35,15 @@ STEPS, BATCH, RATE, AVERAGE = 3000, 128, 1e-3, 0.995  # of training
 torch.set_num_threads(1)
 
 
-class Block(nn.Module):
+class Block(nn.Sequential):
     """A residual block."""
 
     def __init__(self):
-        super().__init__()
-        self.layers = nn.Sequential(
-            nn.LayerNorm(WIDTH),
-            nn.Linear(WIDTH, WIDTH),
-            nn.SiLU(),
-            nn.Linear(WIDTH, WIDTH),
-        )
+        first, second = nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, WIDTH)
+        super().__init__(nn.LayerNorm(WIDTH), first, nn.SiLU(), second)
 
     def forward(self, hidden):
-        return hidden + self.layers(hidden)
+        return hidden + super().forward(hidden)
 
 
 class Denoiser(nn.Module):
@@ -124,10 +116,7 @@ def lessons(demonstrations):
         turned = (axes * Rotation.from_rotvec(ahead[:, 3:])).as_rotvec()
         states.append(poses)
         chunks.append(np.hstack([moved, turned]).reshape(len(poses), -1))
-    return (
-        torch.tensor(np.concatenate(rows), dtype=torch.float32)
-        for rows in (states, chunks)
-    )
+    return (torch.tensor(np.concatenate(rows)).float() for rows in (states, chunks))
 
 
 def learn(demonstrations, seed):
@@ -194,9 +183,9 @@ class Diffusion:
             noise = torch.randn(1, 6 * CHUNK, generator=self.random)
             ahead = self.network.sample(hand, noise)[0]
             axes = Rotation.from_rotvec(hand[3:])
-            moved = hand[:3] + axes.apply(ahead[:3])
             turned = (axes * Rotation.from_rotvec(ahead[3:])).as_rotvec()
-            self.plan = np.stack([self.command, np.hstack([moved, turned])])
+            goal = np.hstack([hand[:3] + axes.apply(ahead[:3]), turned])
+            self.plan = np.stack([self.command, goal])
         self.step += 1
         at = (since + 1) / period
         self.command = np.array([np.interp(at, (0, 1), ends) for ends in self.plan.T])

@@ -42,17 +42,16 @@ class HeldActions(VecEnvWrapper):
         self.actions = actions.copy()
 
     def step_wait(self):
-        total = np.zeros(self.num_envs, dtype=np.float32)
-        ended = np.zeros(self.num_envs, dtype=bool)
+        total, ended = (
+            np.zeros(self.num_envs, np.float32),
+            np.zeros(self.num_envs, bool),
+        )
         infos = [{} for _ in ended]
         for _ in range(HELD):
             observations, rewards, dones, latest = self.venv.step(self.actions)
             total[~ended] += rewards[~ended]
             # The info of the step in which an episode ended is kept.
-            infos = [
-                old if over else new
-                for old, new, over in zip(infos, latest, ended, strict=True)
-            ]
+            infos = [infos[n] if over else latest[n] for n, over in enumerate(ended)]
             ended |= dones
             self.actions[ended] = 0.0
         return observations, total, ended, infos
@@ -88,11 +87,11 @@ def learn(steps, out, seed=0):
         batch_size=256,
         n_epochs=10,
         gamma=0.99,
-        learning_rate=lambda left: 1e-3 * left,
         target_kl=0.03,
         use_sde=True,
         seed=seed,
         verbose=1,
+        learning_rate=lambda left: 1e-3 * left,
         policy_kwargs={"log_std_init": -4.5, "net_arch": [64, 64]},
     )
     model.learn(steps // HELD)

@@ -14,13 +14,8 @@ from gplfd_env.wrappers import action_of
 POPULATION, GENERATIONS, ELITE, STEPS = 16, 5, 4, 300
 DOOR = 0.42  # [m]; the learner only sees rewards
 
-envs = gym.make_vec(
-    RL_ENVIRONMENT_ID,
-    num_envs=POPULATION,
-    door=DOOR,
-    max_episode_steps=STEPS,
-    autoreset_mode="Disabled",
-)
+limits = {"max_episode_steps": STEPS, "autoreset_mode": "Disabled"}
+envs = gym.make_vec(RL_ENVIRONMENT_ID, num_envs=POPULATION, door=DOOR, **limits)
 
 
 def evaluate(candidates):

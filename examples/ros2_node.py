@@ -17,6 +17,7 @@ controller then holds the last set-point with the last stiffness.
 import argparse
 import json
 import math
+import operator
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
@@ -55,20 +56,16 @@ class Player(Node):
             return
         position, quaternion, path, stiffness = self.rows[self.next]
         place, orientation = self.hand
+        away, log = math.dist(place, path), self.get_logger()
         if self.next == 0:
-            both = zip(orientation, quaternion, strict=True)
-            cosine = abs(sum(a * b for a, b in both))
+            cosine = abs(sum(map(operator.mul, orientation, quaternion)))
             angle = 2.0 * math.acos(min(cosine, 1.0))
-            if math.dist(place, path) > START[0] or angle > START[1]:
-                self.get_logger().warn(
-                    f"waiting: the hand is {math.dist(place, path):.3f} m and "
-                    f"{angle:.3f} rad from the start"
-                )
+            if away > START[0] or angle > START[1]:
+                log.warn(f"waiting: the hand is {away:.3f} m, {angle:.3f} rad away")
                 return
-        elif math.dist(place, path) > LARGEST_ERROR or self.silent > LONGEST_SILENCE:
-            self.get_logger().error(
-                f"stopped: the hand was {math.dist(place, path):.3f} m from the path "
-                f"{self.silent:.3f} s ago"
+        elif away > LARGEST_ERROR or self.silent > LONGEST_SILENCE:
+            log.error(
+                f"stopped: the hand was {away:.3f} m away {self.silent:.3f} s ago"
             )
             raise SystemExit(1)
         self.silent += self.period

@@ -49,20 +49,20 @@ class Gripper:
         self.width += min(max(change, -step), step)
 
     def close_at_handle(self, hand: Sequence[float], *, taken: bool) -> None:
-        """Close if the hand (6,) [m, rad] is at the handle or holds it, else open."""
-        if self.uncertain:
-            self.obey(0.0 if self._closes(hand[:3]) or taken else GRIPPER_WIDTH)
-            return
-        near = math.hypot(*hand[:3]) <= AT_HANDLE[0]
-        aligned = math.hypot(*hand[3:]) <= AT_HANDLE[1]
-        self.obey(0.0 if taken or (near and aligned) else GRIPPER_WIDTH)
+        """Close if the hand (6,) [m, rad] is at the handle or holds it, else open.
 
-    def _closes(self, hand: Sequence[float]) -> bool:
-        """Return whether the hand rests at the believed handle or is still there."""
-        moved = math.dist(hand, self._place)
-        closing = self._rested >= AT_REST[2]
-        if moved > (RELEASE_DISTANCE if closing else AT_REST[1]):
-            self._place, self._rested = tuple(hand), 0.0
-        elif not closing and math.hypot(*hand) <= AT_REST[0]:
-            self._rested += CONTROL_PERIOD
-        return self._rested >= AT_REST[2]
+        An uncertain handle: if it rests at the believed handle, or is still there.
+        """
+        away = math.hypot(*hand[:3])
+        closes = away <= AT_HANDLE[0] and math.hypot(*hand[3:]) <= AT_HANDLE[1]
+        if self.uncertain:
+            moved, closing = (
+                math.dist(hand[:3], self._place),
+                self._rested >= AT_REST[2],
+            )
+            if moved > (RELEASE_DISTANCE if closing else AT_REST[1]):
+                self._place, self._rested = tuple(hand[:3]), 0.0
+            elif not closing and away <= AT_REST[0]:
+                self._rested += CONTROL_PERIOD
+            closes = self._rested >= AT_REST[2]
+        self.obey(0.0 if taken or closes else GRIPPER_WIDTH)

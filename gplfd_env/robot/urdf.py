@@ -185,6 +185,15 @@ def arm_of_urdf(
             "closing": closing,
             "hand_camera": _camera(grasp_axes(approach, closing), point),
         }
+    capsules = [
+        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
+        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
+    ]
+    for (_, link), (_, following) in itertools.pairwise(arm):
+        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
+        if math.hypot(x, y, z) > _LINK_RADIUS:
+            ends = (0.0, 0.0, 0.0, x, y, z)
+            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
     return RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
@@ -192,7 +201,7 @@ def arm_of_urdf(
         arm=tuple(joint for joint, _ in arm),
         armature=(_ARMATURE,) * len(arm),
         forearm=arm[len(arm) // 2][1],
-        capsules=_capsules(urdf, [link for _, link in arm]),
+        capsules=tuple(capsules),
         stances=(),
         **parts,
     )
@@ -248,17 +257,3 @@ def _camera(axes: Array, point: Array) -> tuple[Vector, Vector, Vector]:
     vectors = (place, -axes[:, 0], axes @ [0.0, -0.83, -0.56])
     position, right, up = (tuple(vector.tolist()) for vector in vectors)
     return position, right, up
-
-
-def _capsules(urdf: Any, links: Sequence[str]) -> tuple[Capsule, ...]:
-    """Return capsules along the links of an arm, and the capsules of the stand."""
-    capsules = [
-        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
-        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
-    ]
-    for link, following in itertools.pairwise(links):
-        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
-        if math.hypot(x, y, z) > _LINK_RADIUS:
-            ends = (0.0, 0.0, 0.0, x, y, z)
-            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
-    return tuple(capsules)

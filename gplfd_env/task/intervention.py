@@ -8,7 +8,7 @@ import math
 from typing import Any, Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.disturbance import Person, Push
+from gplfd_env.doors.disturbance import Person
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
@@ -71,7 +71,13 @@ class Intervention:
             closed = 1.0 - max(angle, 0.0) / cause.breakaway.seal_angle
             hinge = -cause.breakaway.seal * closed
         if cause.push:
-            sizes = _push_forces(cause.push, self._push_start.since(time, angle))
+            push, since = cause.push, self._push_start.since(time, angle)
+            sizes, share = _NOTHING, 1.0
+            if since is not None and since < push.duration:
+                if push.profile == "half_sine":
+                    middle = min(since + 0.5 * CONTROL_PERIOD, push.duration)
+                    share = math.sin(math.pi * middle / push.duration)
+                sizes = share * push.along, share * push.upward, share * push.outward
             self.push_force = math.hypot(*sizes)
             if cause.push.on == "hand":
                 hand = self._in_world(sizes, reading)
@@ -88,8 +94,17 @@ class Intervention:
             else:
                 held = self._in_world((-resistance, 0.0, 0.0), reading)
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])
-        if cause.bump:
-            self._move_base(self._bump_start.since(time, angle), cause.bump.duration)
+        since = self._bump_start.since(time, angle) if cause.bump else None
+        if cause.bump and since is not None:
+            # To the end of the period that begins now.
+            duration = cause.bump.duration
+            s = min((since + CONTROL_PERIOD) / duration, 1.0)
+            share = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+            rate = 30.0 * s * s * (1.0 - s) ** 2 / duration
+            x, y, z = self._whole_shift
+            self.base_shift = share * x, share * y, share * z
+            self.base_distance = math.hypot(*self.base_shift)
+            self.base_velocity = rate * x, rate * y, rate * z
         stop, friction = end_angle(door), door.friction
         if cause.stop:
             since = self._stop_start.since(time, angle)
@@ -109,18 +124,6 @@ class Intervention:
         x, y, z = (a * i + b * j + c * k for i, j, k in zip(*axes, strict=True))
         return x, y, z
 
-    def _move_base(self, since: float | None, duration: float) -> None:
-        """Update the base's displacement to the end of the period that begins now."""
-        if since is None:
-            return
-        s = min((since + CONTROL_PERIOD) / duration, 1.0)
-        share = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-        rate = 30.0 * s * s * (1.0 - s) ** 2 / duration
-        x, y, z = self._whole_shift
-        self.base_shift = share * x, share * y, share * z
-        self.base_distance = math.hypot(*self.base_shift)
-        self.base_velocity = rate * x, rate * y, rate * z
-
 
 class _Start:
     """Records when an angle [rad] and a time [s] have both been reached."""
@@ -134,17 +137,6 @@ class _Start:
         if self._at is None and time >= self._time and max(angle, 0.0) >= self._angle:
             self._at = time
         return None if self._at is None else time - self._at
-
-
-def _push_forces(push: Push, since: float | None) -> Vector:
-    """Return the force along, upwards and outwards in the period from now [N]."""
-    if since is None or since >= push.duration:
-        return _NOTHING
-    share = 1.0
-    if push.profile == "half_sine":
-        middle = min(since + 0.5 * CONTROL_PERIOD, push.duration)
-        share = math.sin(math.pi * middle / push.duration)
-    return share * push.along, share * push.upward, share * push.outward
 
 
 class PersonHand:

@@ -5,11 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.doors.motion import LeafPath
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.robot.model import SERVO_STIFFNESS
-from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.task.observation import Reader
 
 pytestmark = pytest.mark.slow
 
@@ -143,13 +140,3 @@ def test_pulling_far_too_hard_loses_the_grasp(start_env, push_hand):
     assert terminated
     assert info["failure"] == "grasp_lost"
     assert (info["grasped"], info["success"]) == (False, False)
-
-
-@pytest.mark.parametrize(("right", "left"), [(1, 1), (1, 0), (0, 1), (0, 0)])
-def test_grasped_means_both_pads(right, left, start_env):
-    env = start_env("small")
-    env.data.sensor("right_pad_contact").data[:] = right
-    env.data.sensor("left_pad_contact").data[:] = left
-    reader = Reader.of("contact", "pose", TIAGO_LIKE)
-    reading = reader.door_reading(env.data.sensordata.tolist(), LeafPath())
-    assert reading.grasped is (right == left == 1)

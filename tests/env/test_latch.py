@@ -106,15 +106,6 @@ def test_a_slammed_door_latches(swing, hinge_side, speed, base, latched_door):
     assert push(model, data, 0.5, hinge=HOLD) < CLOSED
 
 
-@pytest.mark.parametrize("torque", [5.0, 10.0, 30.0])
-def test_a_door_that_is_closed_slowly_latches(torque, latched_door):
-    """What it takes is the bolt's spring on a bevel of 45°, 7.8 N at 0.58 m."""
-    model, data = latched_door(hinge_damping=30.0)
-    data.joint("hinge").qpos = 0.1
-    push(model, data, 4.0, hinge=-torque)
-    assert push(model, data, 1.0, hinge=HOLD) < CLOSED
-
-
 def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
     """At rest in mid-air a joint's force is preload + stiffness * displacement."""
     model, data = latched_door(lockset={"handle_preload": 0.4, "handle_stiffness": 1.1})

@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DOORS
-from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.observation import DoorReading
 from gplfd_env.task.opening import (
     FAILURES,
     STALL_ANGLE,
-    STALL_TIME,
     OpeningMonitor,
     reward_terms,
 )
@@ -89,15 +87,6 @@ def test_what_is_said_after_each_spell(spells, outcomes):
     assert watched(*spells) == outcomes
 
 
-def test_a_slow_door_has_not_stalled():
-    """Half a degree in just under three seconds is progress; to and fro is none."""
-    rate = STALL_ANGLE / (STALL_TIME - 5 * DT)
-    slow = [(1, rate * step * DT, True) for step in range(2000)]
-    assert set(watched(*slow)) == {GOES_ON}
-    swinging = [(1, 0.3 + 0.1 * math.cos(step / 10), True) for step in range(400)]
-    assert watched(*swinging)[-1] == STALLED
-
-
 def test_turning_the_handle_is_no_stall():
     rate = math.radians(2.0) * DT
     turning = [(1, 0.0, True, rate * step, HELD) for step in range(800)]
@@ -119,15 +108,6 @@ def test_progress_telescopes_to_the_angle_over_sixty_degrees(angles, forces):
         for before, after, force in zip(angles, angles[1:], forces, strict=False)
     )
     assert total == pytest.approx((angles[-1] - angles[0]) / SUCCESS_ANGLE, abs=1e-9)
-
-
-@given(radius=st.floats(0.1, 1.0), angle=st.floats(-3.0, 3.0))
-def test_arc_keeps_its_distance_from_the_hinge(radius, angle):
-    x, y, z, *rotation = handle_pose_on_arc(radius, angle)
-    assert math.hypot(x, z + radius) == pytest.approx(radius)
-    assert math.atan2(x, z + radius) == pytest.approx(angle)
-    assert y == 0.0
-    assert rotation == [0.0, angle, 0.0]
 
 
 # --- Stages and diagnosis ------------------------------------------------------------

@@ -6,8 +6,6 @@ import pytest
 
 from gplfd_env.doors.config import TURNING, DoorConfig
 from gplfd_env.doors.geometry import ROCKERS, DoorGeometry
-from gplfd_env.robot.placement import check_reach
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 
 KINDS = [
@@ -46,26 +44,6 @@ def test_what_is_not_given_is_that_of_the_kind_and_can_be_given(handle):
     assert (*plain.handle_spring, plain.handle_travel, plain.handle_arm) == usual
     given = plain.replaced({"lockset": {"handle_travel": 0.5, "handle_arm": 0.1}})
     assert (given.handle_travel, given.handle_arm) == (0.5, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("handle", "swing", "side", "radius", "allowed"),
-    [
-        ("knob", "push", "left", 1.0, True),
-        ("knob", "push", "left", 1.01, False),
-        ("bar", "push", "left", 1.01, False),
-        ("lever", "push", "left", 1.05, True),
-        ("knob", "push", "right", 1.05, True),
-        ("bar", "pull", "left", 1.05, True),
-    ],
-)
-def test_the_reach_of_a_base_that_drives(handle, swing, side, radius, allowed):
-    config = door(handle, swing, side, radius=radius)
-    if allowed:
-        check_reach(config, TIAGO_LIKE.on("mobile"))
-        return
-    with pytest.raises(ValueError, match=f"radius = {radius} is out of reach"):
-        check_reach(config, TIAGO_LIKE.on("mobile"))
 
 
 @pytest.mark.parametrize(

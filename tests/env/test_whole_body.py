@@ -23,7 +23,6 @@ from gplfd_env.robot.whole_body import (
     BaseDrive,
     led_by,
 )
-from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 HAND = (0.8, 0.3)
 ROBOT = TIAGO_LIKE.on("mobile")
@@ -72,14 +71,6 @@ def test_the_base_is_led_as_if_fixed_to_the_hand(way, comes, y, z, yaw):
     assert turn == pytest.approx(yaw if comes else 0.3 * yaw)
 
 
-@given(x=st.floats(-0.06, 0.06), yaw=st.floats(-1.5, 1.5))
-def test_where_the_base_is_led_does_not_jump_at_the_closed_door(x, yaw):
-    """A millimetre and a milliradian of the hand lead it by a few of both."""
-    here = led_by([x, 0.0, 0.0, 0.0, yaw, 0.0], HAND, AXES.T.tolist())
-    there = led_by([x + 1e-3, 0.0, 0.0, 0.0, yaw + 1e-3, 0.0], HAND, AXES.T.tolist())
-    assert np.abs(np.subtract(here, there)).max() < 0.02
-
-
 @given(x=numbers, y=st.floats(-1.5, 1.5), z=numbers)
 def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(x, y, z):
     """Swing and twist: what is left when the twist is undone has no vertical part."""
@@ -87,21 +78,6 @@ def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(x, y, z):
     whole = Rotation.from_rotvec([x, y, z])
     swing = whole * Rotation.from_rotvec([0.0, turn, 0.0]).inv()
     assert swing.as_quat()[1] == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("radius", [0.30, 0.95])
-def test_along_a_handle_s_arc_the_base_turns_about_the_hinge(radius, side):
-    """Whichever side the hinge is on; the rule is not told where."""
-    hinge = np.array([*HAND, 0.0]) + AXES @ [0.0, 0.0, -side * radius]
-    for angle in (0.2, 0.8, 1.5):
-        arc = handle_pose_on_arc(radius, angle) * [1, 1, side, side, side, 1]
-        bx, by, turn = led_by(arc.tolist(), HAND, AXES.T.tolist())
-        expected = hinge + Rotation.from_rotvec(side * angle * UP @ AXES.T).apply(
-            -hinge
-        )
-        assert_allclose((bx, by), expected[:2], atol=1e-12)
-        assert turn == pytest.approx(side * angle)
 
 
 @settings(max_examples=25)
