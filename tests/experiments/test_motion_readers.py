@@ -615,9 +615,8 @@ BOTH = np.hstack([POSITIONS, WXYZ]).T
 )
 def test_times_and_rotations_stand_beside_positions(tmp_path, content, body, columns):
     scipy.io.savemat(tmp_path / "a.mat", content)
-    for one in read_here(
-        tmp_path / "a.mat", ImportSettings(body=body, columns=columns)
-    ):
+    settings = ImportSettings(body=body, columns=columns)
+    for one in read_here(tmp_path / "a.mat", settings):
         assert_array_equal(one.positions, POSITIONS)
         assert_array_equal(np.asarray(one.times), TIMES)
         if "qw" in columns:
@@ -639,12 +638,8 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
     for one, samples in zip(found, (20, 30, 40), strict=True):
         assert_array_equal(one.positions, POSITIONS[:samples])
         assert_array_equal(one.times, TIMES[:samples])
-    assert [
-        len(one.positions) for one in read_here(path, ImportSettings(body="s"))
-    ] == [
-        10,
-        50,
-    ]
+    found = read_here(path, ImportSettings(body="s"))
+    assert [len(one.positions) for one in found] == [10, 50]
     with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
         read_here(path, ANY)
 

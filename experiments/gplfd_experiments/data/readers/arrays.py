@@ -1,6 +1,6 @@
 """Motions in named arrays, for .npz, .npy and .mat files; reads the first two.
 
-Supported are columns (N,), the arrays of `_GROUPS` (N, d), and with ``--columns`` one
+Supported are columns (N,), the `ARRAYS` of tables (N, d), and with ``--columns`` one
 array (N, C), or (K, N, C) for K motions; also transposed if the shape is unambiguous.
 The arrays of .mat files are in cells and structures, ``demos{2}.pos``; those of one
 name are motions of one set.
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from gplfd_experiments.data.raw import RawRecording, chosen
 from gplfd_experiments.data.readers.tables import (
-    FORCE,
+    ARRAYS,
     POSITION,
     QUATERNION,
     ROTATION_VECTOR,
+    XYZW,
     named_columns,
     quaternions_of,
     recording,
@@ -32,23 +33,8 @@ from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Arrays = Mapping[str, FloatArray]
 
-_XYZW: Final = (*QUATERNION[1:], QUATERNION[0])
-_ORDERS: Final = {"wxyz": QUATERNION, "xyzw": _XYZW}
-_TIMES: Final = ("times", "time", "t", "timestamps")
-_POSITIONS: Final = ("positions", "position", "pos", "p", "xyz")
 _QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")
-_GROUPS: Final[tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = (
-    (_TIMES, ("t",)),
-    (_POSITIONS, POSITION),
-    (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
-    (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), QUATERNION),
-    (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _XYZW),
-    (("force", "forces", "wrench", "wrenches"), FORCE),
-    (("gripper",), ("gripper",)),
-)
-"""Supported arrays: their names and columns."""
-
-_COLUMNS: Final = {name: columns for names, columns in _GROUPS for name in names}
+"""Names of arrays of quaternions in an order that they do not state."""
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
@@ -134,7 +120,7 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 
     def has_positions(fields: _Arrays) -> bool:
         return any(
-            understood(field)[0] == "x" or field.lower() in _POSITIONS
+            understood(field)[0] == "x" or ARRAYS.get(field.lower()) == POSITION
             for field in fields
         )
 
@@ -161,14 +147,14 @@ def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawReco
     columns: dict[str, tuple[FloatArray, str | None]] = {}
     for key, array in arrays.items():
         short, unit = understood(key)
-        names = (short,) if short else _COLUMNS.get(key.lower(), ())
+        names = (short,) if short else ARRAYS.get(key.lower(), ())
         if key.lower() in _QUATERNIONS:
             if settings.quaternions is None:
                 raise ValueError(
                     f"the place of the scalar part of {key!r} is unknown: give "
                     "--quaternions wxyz or --quaternions xyzw"
                 )
-            names = _ORDERS[settings.quaternions]
+            names = XYZW if settings.quaternions == "xyzw" else QUATERNION
         if not names:
             continue
         # There may be fewer columns, of positions without z.
@@ -242,7 +228,7 @@ def _from_columns(
         for key, array in numbers.items():
             structure, field, cell = _parted(key)
             beside = structure == where and cell in ("", index)
-            if beside and _is_vector(array) and field.lower() in _TIMES:
+            if beside and _is_vector(array) and ARRAYS.get(field.lower()) == ("t",):
                 times = array.reshape(-1)
                 break
         whole = _side_by_side([numbers[key] for key in keys])

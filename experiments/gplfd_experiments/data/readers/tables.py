@@ -6,7 +6,7 @@ Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, 
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,33 +28,58 @@ FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 ORIENTATIONS: Final = (QUATERNION, ROTATION_VECTOR)
 """Columns of each form of an orientation that `quaternions_of` converts; the first form
 that a table has is used."""
+XYZW: Final = (*QUATERNION[1:], QUATERNION[0])
 
-_NEWTONS: Final = {"n": 1.0}
 _NEWTON_METRES: Final = {"nm": 1.0, "n m": 1.0, "nmm": 1e-3, "n mm": 1e-3}
-_QUANTITIES: Final[
-    tuple[tuple[tuple[str, ...], Mapping[str, float], tuple[str, ...]], ...]
-] = (
-    (("t",), SECONDS, ("time", "timestamp", "stamp", "seconds")),
-    (POSITION, METRES, ("p*", "pos_*", "position_*", "position.*")),
-    (
+
+
+class _Quantity(NamedTuple):
+    """What columns of a table or an array can be; names are separated by spaces."""
+
+    columns: tuple[str, ...]
+    units: Mapping[str, float]
+    names: str = ""
+    """Other names of the columns; ``*`` stands for the last letter of the column."""
+    arrays: str = ""
+    """Names of an array that has all columns."""
+
+
+_QUANTITIES: Final = (
+    _Quantity(
+        ("t",), SECONDS, "time timestamp stamp seconds", "times time t timestamps"
+    ),
+    _Quantity(
+        POSITION,
+        METRES,
+        "p* pos_* position_* position.*",
+        "positions position pos p xyz",
+    ),
+    _Quantity(
         QUATERNION,
         {},
-        ("q_*", "quat_*", "quaternion_*", "orientation_*", "orientation.*"),
+        "q_* quat_* quaternion_* orientation_* orientation.*",
+        "quaternions_wxyz quat_wxyz q_wxyz",
     ),
-    (ROTATION_VECTOR, RADIANS, ("rotvec_*", "rot_*")),
-    (FORCE[:3], _NEWTONS, ("force_*", "force.*")),
-    (FORCE[3:], _NEWTON_METRES, ("torque_*", "torque.*")),
-    (("gripper",), {}, ("gripper_position", "gripper_width")),
+    _Quantity(XYZW, {}, arrays="quaternions_xyzw quat_xyzw q_xyzw"),
+    _Quantity(
+        ROTATION_VECTOR, RADIANS, "rotvec_* rot_*", "rotvecs rotvec rotation_vectors"
+    ),
+    _Quantity(FORCE[:3], {"n": 1.0}, "force_* force.*"),
+    _Quantity(FORCE[3:], _NEWTON_METRES, "torque_* torque.*"),
+    _Quantity(FORCE, {}, arrays="force forces wrench wrenches"),
+    _Quantity(("gripper",), {}, "gripper_position gripper_width", "gripper"),
 )
-"""Columns of each quantity, its units, and other names of the columns, in which ``*``
-stands for the last letter of the name."""
+"""All names that are understood."""
 
-_UNITS: Final = {names[0]: units for names, units, _ in _QUANTITIES}
+ARRAYS: Final = {
+    name: kind.columns for kind in _QUANTITIES for name in kind.arrays.split()
+}
+_UNITS: Final = {kind.columns: kind.units for kind in _QUANTITIES}
 _CANONICAL: Final = {
-    alias.replace("*", name[-1]): name
-    for names, _, others in _QUANTITIES
-    for name in names
-    for alias in (name, *others)
+    alias.replace("*", column[-1]): column
+    for kind in _QUANTITIES
+    for column in kind.columns
+    for alias in (column, *kind.names.split())
 }
 _ALL_UNITS: Final = frozenset().union(*_UNITS.values())
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]")
@@ -117,9 +142,9 @@ def recording(
     """
     notes: list[str] = []
 
-    def unit_of(names: Sequence[str]) -> str | None:
+    def unit_of(names: tuple[str, ...]) -> str | None:
         units = {columns[name][1] for name in names if name in columns} - {None}
-        known = _UNITS[names[0]]
+        known = _UNITS[names]
         if len(units) > 1 or units - set(known):
             listed = " and ".join(sorted(map(str, units)))
             raise ValueError(
