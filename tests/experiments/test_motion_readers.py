@@ -623,6 +623,14 @@ def test_times_and_rotations_stand_beside_positions(tmp_path, content, body, col
             assert_array_equal(quaternions(one), WXYZ)
 
 
+def test_arrays_of_one_npz_are_put_side_by_side(tmp_path):
+    stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
+    np.savez(tmp_path / "a.npz", time=TIMES, of_objects=np.array([{}]), **stacked)
+    for one in read_here(tmp_path / "a.npz", ImportSettings(**SIDE_BY_SIDE)):
+        assert_array_equal(np.asarray(one.times), TIMES)
+        assert_array_equal(quaternions(one), WXYZ)
+
+
 def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
     motions = np.empty((3, 1), dtype=object)
     motions[:, 0] = [np.vstack([POSITIONS[:n].T, TIMES[:n]]) for n in (20, 30, 40)]
@@ -642,17 +650,6 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
     assert [len(one.positions) for one in found] == [10, 50]
     with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
         read_here(path, ANY)
-
-
-def test_arrays_of_one_npz_are_put_side_by_side(tmp_path):
-    stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
-    np.savez(tmp_path / "a.npz", time=TIMES, of_objects=np.array([{}]), **stacked)
-    both = ImportSettings(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
-    found = read_here(tmp_path / "a.npz", both)
-    assert [one.name for one in found] == [f"a.npz[{n}]" for n in range(3)]
-    for one in found:
-        assert_array_equal(np.asarray(one.times), TIMES)
-        assert_array_equal(quaternions(one), WXYZ)
 
 
 # ------------------------------------------------------------------ refusals

@@ -32,7 +32,12 @@ _CHOICES: Final[Mapping[str, Any]] = {
     "force_axes": ("hand", "recorded"),
 }
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
-_GREATEST: Final = 1e5  # Largest rate or cut-off [Hz], and largest gap [s].
+_LEAST: Final = {
+    **dict.fromkeys(("cutoff", "rate", "force_rest", "tool_weight"), 0.0),
+    **dict.fromkeys(("recorded_rate", "largest_gap"), 1e-5),
+}
+_GREATEST: Final = 1e5
+"""Range of numbers [Hz, s or N]."""
 
 _USUAL_STEP: Final = (9e-4, 0.9)
 """Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
@@ -208,15 +213,12 @@ class ImportSettings:
             value = getattr(self, name)
             if value is not None and value not in known:
                 raise ValueError(f"{name} {value!r} must be one of {', '.join(known)}")
-        for name, low in (
-            *dict.fromkeys(
-                ("cutoff", "rate", "force_rest", "tool_weight"), 0.0
-            ).items(),
-            *dict.fromkeys(("recorded_rate", "largest_gap"), 1.0 / _GREATEST).items(),
-        ):
+        for name, least in _LEAST.items():
             value = getattr(self, name)
-            if value is not None and not low <= value <= _GREATEST:
-                raise ValueError(f"{name} = {value:g} must be {low:g} to {_GREATEST:g}")
+            if value is not None and not least <= value <= _GREATEST:
+                raise ValueError(
+                    f"{name} = {value:g} must be {least:g} to {_GREATEST:g}"
+                )
         for name in ("force_sensor", "offset", "frame"):
             pose = getattr(self, name)
             if pose is not None and not isinstance(pose, str):
