@@ -1,13 +1,8 @@
 """Movements and load of hands that open doors whose handle turns.
 
 The controller of `gplfd_policies.control.compliance` does not model a handle.
-`controller_of` gives it movements and a load that do:
-
-* the phase is estimated from the hand pose that the demonstrated handle turn would
-  give;
-* a via-point is a pose of the handle's axis, not of the hand, and the direction of the
-  path is that of the axis;
-* the load is compensated twice: along the turn of the handle and along the door's path.
+`controller_of` gives it movements and a load that do. The phase is estimated from the
+hand pose that the demonstrated handle turn would give.
 """
 
 from collections.abc import Sequence
@@ -78,10 +73,10 @@ def controller_of(
 class HandleMovements(GriddedMovements):
     """Movements of hands that turn handles; their paths are the paths of the axes.
 
-    * The path of a door is the path of the handle's axis
-      (`gplfd_policies.demonstrations.turned_handle`), not of the hand.
-    * The policy itself causes the turn of the handle, and the handle's spring displaces
-      the hand about the axis. Neither is information about the door.
+    * Path and via-points of a door are those of the handle's axis
+      (`gplfd_policies.demonstrations.turned_handle`), not of the hand: the policy
+      itself turns the handle, and its spring displaces the hand about the axis. Neither
+      is information about the door.
     * A gear ratio, initially 1, relates the demonstrated turn to the turn of the hand:
       observed turns are divided by it, commanded turns multiplied. Thus the handle also
       returns as demonstrated, from a larger angle.

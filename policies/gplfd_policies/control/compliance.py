@@ -9,7 +9,7 @@ used across rows, because some add in an order that depends on the memory addres
 
 import math
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -126,19 +126,14 @@ class ComplianceConfig:
             )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _SetPoint:
+class _SetPoint(NamedTuple):
     """Where some hands are commanded to go in this control step."""
 
     phase: PerRow
-    desired: Axes
-    """Poses at these phases [m, rad]."""
-    velocity: Vectors
-    """Velocity of the poses [m/s]."""
-    chord: Vectors
-    """Chord of the path ahead [m]."""
-    std: Axes
-    """σ of the movements at these phases [m, rad]."""
+    desired: Axes  # poses at these phases [m, rad]
+    velocity: Vectors  # of the poses [m/s]
+    chord: Vectors  # of the path ahead [m]
+    std: Axes  # σ of the movements at these phases [m, rad]
 
 
 class ComplianceController:
@@ -220,9 +215,8 @@ class ComplianceController:
         )
         response = self._load.update(contact, rows)
         target = self._advance(phase, command_phase, response.pace, rows)
-        std, std_rate, frame, governed = self._stiffen(
-            target, response.path_lag, direction, rows
-        )
+        lag = response.path_lag
+        std, std_rate, frame, governed = self._stiffen(target, lag, direction, rows)
         action = self._renderer.command(
             target.desired,
             target.velocity,
@@ -256,7 +250,7 @@ class ComplianceController:
             stability_margin=governed.margin,
             contact_margin=self._renderer.contact_margin(governed.stiffness),
             compensated_load=response.compensated_load,
-            path_lag=response.path_lag,
+            path_lag=lag,
             phase=target.phase,
             observed_phase=phase,
             phase_misfit=estimate.misfit,
@@ -309,19 +303,12 @@ class ComplianceController:
             np.flatnonzero(due).tolist(),
             strict=True,
         ):
-            via_point = ViaPoint(
-                phase=via_phase,
-                pose=pose,
-                std=self._via_noise,
-                along=error,
-                sizes=sizes[index],
-            )
-            movements.observe(number, via_point)
+            noise = {"std": self._via_noise, "along": error, "sizes": sizes[index]}
+            movements.observe(number, ViaPoint(phase=via_phase, pose=pose, **noise))
         if self._forces is not None:
             self._forces.learn(due, phase, rows)
-        (after, begin, end), _ = movements.at(
-            look_ahead(command_phase, command_phase), rows
-        )
+        ahead = look_ahead(command_phase, command_phase)
+        (after, begin, end), _ = movements.at(ahead, rows)
         chord = (end - begin)[..., :3] / LOOK_AHEAD
         shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
         shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
@@ -354,21 +341,16 @@ class ComplianceController:
         phase_rate = (phase - command_phase) / period
         self._command_phase[rows] = phase
         turn_phase = np.minimum(phase, observed_phase + config.max_turn_lead)
-        means, stds = movements.at(
-            np.array([*look_ahead(phase, phase), turn_phase]), rows
-        )
+        phases = np.array([*look_ahead(phase, phase), turn_phase])
+        means, stds = movements.at(phases, rows)
         chord = means[2, ..., :3] - means[1, ..., :3]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
         remaining = config.settling_time / (period + config.settling_time)
         offset = self._offset[rows] = remaining * self._offset[rows]
-        return _SetPoint(
-            phase=phase,
-            desired=movements.hand_poses(desired + offset, rows),
-            velocity=chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None],
-            chord=chord,
-            std=stds[0],
-        )
+        velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
+        poses = movements.hand_poses(desired + offset, rows)
+        return _SetPoint(phase, poses, velocity, chord, stds[0])
 
     def _stiffen(
         self, target: _SetPoint, path_lag: PerRow, direction: Vectors, rows: Rows

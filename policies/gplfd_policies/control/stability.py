@@ -8,7 +8,7 @@ that is, while the uncertainty *falls*. The constants of Arduengo et al.,
 arXiv:2002.09979, are safe but larger than needed (``printed=True``).
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,18 +71,18 @@ def uncertainty_fall_bound(
     return np.asarray(np.divide(constant, steepest, out=unlimited, where=steepest > 0))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class GovernedStiffness:
-    """Result of a `StiffnessGovernor` in one control step."""
+class GovernedStiffness(NamedTuple):
+    """Stiffness to render [N/m, N m/rad], its rate over the step, and the margin.
+
+    The margin is the tight pointwise bound minus the rate [N/(m s), N m/(rad s)];
+    positive. If the frame turned, the bound is the rate to the highest safe stiffness,
+    divided by `_USED_SHARE` (negative after a large turn; the margin is zero if only
+    k_min is safe).
+    """
 
     stiffness: Axes
-    """Stiffness to render [N/m, N m/rad]."""
     rate: Axes
-    """Rate of the stiffness over the step [N/(m s), N m/(rad s)]."""
     margin: Axes
-    """The tight pointwise bound minus the rate; positive. If the frame turned, the
-    bound is the rate to the highest safe stiffness, divided by `_USED_SHARE` (negative
-    after a large turn; the margin is zero if only k_min is safe)."""
 
 
 class StiffnessGovernor:
@@ -145,7 +145,7 @@ class StiffnessGovernor:
         allowed = np.minimum(wished, highest)
         rate = (allowed - previous) / dt
         self._stiffness[rows] = allowed
-        return GovernedStiffness(stiffness=allowed, rate=rate, margin=bound - rate)
+        return GovernedStiffness(allowed, rate, bound - rate)
 
     def _turned(self, highest: Vectors, frame: Frames, rows: Rows) -> Vectors:
         """Return a safe stiffness along new frames, given the safe one along the old.

@@ -345,16 +345,12 @@ Values = Mapping[str, Value]
 
 
 class Setting(NamedTuple):
-    """One number or choice of a method; its type is that of its values."""
+    """One number or choice: published value, least and greatest, and its scale."""
 
     published: Value
-    """Value in the policy with the method's plain name."""
     low: Value
-    """Least value."""
     high: Value
-    """Greatest value."""
     logarithmic: bool = False
-    """Whether the scale is logarithmic."""
 
 
 class Space:

@@ -316,19 +316,17 @@ class PolicyOrigin:
     name: str
     """The name under which it was requested."""
     kind: Literal["built-in", "package", "module"] = "built-in"
-    """An entry of `POLICIES` in ``registry.catalogue``, an installed package's entry
-    point, or an attribute of a user's module."""
+    """An entry of `POLICIES`, a package's entry point, or part of a user's module."""
     folder: str = ""
     """Folder in which the module was searched first."""
     file: str = ""
     """Source file of the module."""
     sha256: str = ""
-    """Hash of that file's content, hexadecimal; if a user's module imports others from
-    its folder, of the content of all of them."""
+    """Hash of the content of that file, hexadecimal; if a user's module imports others
+    from its folder, of all of them."""
     distribution: str = ""
-    """Name of the installed package."""
+    """Name of the installed package, and its version."""
     version: str = ""
-    """Version of the installed package."""
 
     @property
     def content(self) -> tuple[str, str]:
