@@ -1,6 +1,5 @@
 """`gplfd benchmark`: what it runs, what it keeps, and what it refuses."""
 
-import dataclasses
 import json
 import os
 import re
@@ -18,7 +17,6 @@ from gplfd_experiments.studies import jobs, runner
 from gplfd_experiments.studies.settings import (
     StudySettings,
     read_settings,
-    write_settings,
 )
 
 pytestmark = pytest.mark.slow
@@ -123,20 +121,6 @@ def test_every_condition_has_a_table_and_as_json_its_rows(
     expected = numbers | {"force_radial_peak": metrics["force_radial_peak"]}
     for row in rows:
         assert row.items() >= {"policy": "gp", "door": "small", **expected}.items()
-
-
-def test_options_win_over_the_saved_study(tmp_path, ran):
-    """Also over a value that is no longer valid, as of a policy that was renamed."""
-    saved = tmp_path / "study.toml"
-    kept = StudySettings(doors=("small",), seeds=3, randomizations=("mild",))
-    write_settings(saved, dataclasses.replace(kept, policies=("gone",)))
-    options = ["--config", str(saved), *ONE[:2], "--seeds", "1", "--no-skill"]
-    assert benchmark(tmp_path / "out", *options) == 0
-    (task,) = ran
-    assert (task.policy, task.door, task.seed) == ("gp", "small", 0)
-    assert task.randomization == "mild"
-    expected = dataclasses.replace(kept, policies=("gp",), seeds=1, skill=False)
-    assert read_settings(tmp_path / "out" / "study.toml") == expected
 
 
 WAITING = """\

@@ -67,14 +67,6 @@ def test_only_the_item_that_kills_its_workers_is_lost(engine, tmp_path):
     assert [str(warning.message) for warning in caught] == ["of all workers"]
 
 
-def test_a_worker_that_cannot_run_an_item_states_the_reason(engine):
-    def work(item: int) -> int:
-        raise ModuleNotFoundError("No module named 'experiments'")
-
-    ((_, lost),) = engine.run(work, [0])
-    assert "could run it (ModuleNotFoundError" in lost.reason
-
-
 def test_closing_ends_the_workers(tmp_path):
     def work(item: int) -> int:
         (tmp_path / str(os.getpid())).touch()

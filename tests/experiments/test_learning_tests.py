@@ -16,7 +16,6 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher, TeacherC
 from gplfd_experiments.studies.learning_tests import synthetic
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
-    averaged,
     spread_followed,
 )
 from gplfd_experiments.studies.learning_tests.folds import (
@@ -236,18 +235,6 @@ def test_spread_followed_is_one_for_a_copy_and_zero_for_one_level():
     assert spread_followed(np.ones((30, 6)), np.zeros((5, 30, 6))) is None
 
 
-def test_errors_average_as_squares_and_missing_numbers_do_not_count():
-    scores = [
-        {"rmse_x": 3.0, "nlpd": 1.0, "none": None},
-        {"rmse_x": 4.0, "nlpd": None, "none": None},
-    ]
-    assert averaged(scores) == {
-        "rmse_x": pytest.approx(math.sqrt(12.5)),
-        "nlpd": 1.0,
-        "none": None,
-    }
-
-
 class Adapted:
     """An adaptation of a known movement, which via-points change in a given way."""
 
@@ -436,22 +423,6 @@ def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
     )
 
 
-@pytest.mark.parametrize("held_out", [ONE, "radius"])
-def test_methods_are_given_the_folds_and_nothing_else(held_out):
-    given: list[TrainingInput] = []
-
-    def learn_and_tell(training: TrainingInput) -> Known:
-        given.append(training)
-        return Known(align(training.demonstrations))
-
-    metrics_of(Untaught(fit=learn_and_tell), held_out, seed=3)
-    every = folds(doors(seed=3), held_out, 3)
-    for fold, training in zip(every, given[:2], strict=True):
-        assert training.seed == 3
-        for own, other in zip(fold.given, training.demonstrations, strict=True):
-            np.testing.assert_array_equal(own.poses, other.poses)
-
-
 @pytest.mark.parametrize("policy", [*TABLE_1, "prodmp", "midigap"])
 def test_every_method_is_measured(policy):
     metrics = metrics_of(small(policy), ONE)
@@ -466,12 +437,6 @@ def test_every_method_is_measured(policy):
         assert used == pytest.approx(1.0, abs=1e-6)
     else:
         assert (used is not None) == (policy == "wishart-gp")
-
-
-def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests():
-    one, other = (set(metrics_of(small("promp"), kind)) for kind in (ONE, "radius"))
-    assert one - other == {"uncertainty_growth", "prior_mean_used"}
-    assert other - one == {"outputs_nlpd_change", "tumbling_error"}
 
 
 def pulling(one: Demonstration, force: float) -> Demonstration:

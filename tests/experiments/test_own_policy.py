@@ -17,7 +17,6 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.studies.sources import (
     NO_FILES,
@@ -86,35 +85,23 @@ def gplfd(*arguments: str) -> int:
         return int(error.code or 0)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("run", "--doors", "small", "--policy"),
-        ("benchmark", *SHORT, "--workers", "1", "--policies"),
-    ],
-    ids=["run", "loky"],
-)
 @pytest.mark.filterwarnings("default")
-def test_json_stays_alone_on_standard_output(module, capfd, command):
+def test_json_stays_alone_on_standard_output(module, capfd):
     policy = f"{module}:chatty"
-    assert gplfd(*command, policy, "--out", "out", "--json") == 0
+    command = ("benchmark", *SHORT, "--workers", "1", "--policies", policy)
+    assert gplfd(*command, "--out", "out", "--json") == 0
     printed = capfd.readouterr()
     (row,) = json.loads(printed.out)
     assert row["policy"] == policy
-    said = re.split(r"[\n\r]", printed.err)
     assert "making an agent" in printed.err
-    assert [one for one in said if "warning" in one] == [
-        "gplfd: warning: the gain is zero"
-    ]
+    assert "gplfd: warning: the gain is zero" in printed.err
 
 
-@pytest.mark.parametrize("form", ["{}:make", "./{}.py:make"])
-def test_run_keeps_which_file_the_policy_came_from(module, form):
-    name = form.format(module)
+def test_run_keeps_which_file_the_policy_came_from(module):
+    name = f"./{module}.py:make"
     assert gplfd("run", "--policy", name, "--doors", "small", "--quiet") == 0
     # The folder has a name that a file system takes.
     (folder,) = Path("results").iterdir()
-    assert folder.name == f"{file_name(name)}-seed0"
     assert re.fullmatch(r"[\w-]+", folder.name, re.ASCII)
     (metrics,) = json.loads((folder / "metrics.json").read_text())
     assert (metrics["policy"], metrics["success"]) == (name, False)
@@ -123,7 +110,6 @@ def test_run_keeps_which_file_the_policy_came_from(module, form):
         "file": f"{module}.py",
         "sha256": content_hash(Path(f"{module}.py")),
     }
-    assert (folder / "small.rrd").exists()
 
 
 def test_an_agent_that_commands_stiffness_acts_where_that_is_taken(module, capsys):
@@ -137,57 +123,24 @@ def test_an_agent_that_commands_stiffness_acts_where_that_is_taken(module, capsy
     assert open_dataset(Path("soft-v0")).environment == ENVIRONMENT_IDS["impedance"]
 
 
-@pytest.mark.parametrize(
-    ("command", "policy", "message"),
-    [
-        (("run",), "{}:makee", "has no 'makee'; it has"),
-        (("run",), "nowhere_at_all:make", "there is no module 'nowhere_at_all'"),
-        (("benchmark",), "nowhere.py:make", "there is no file"),
-        (("demos", "record"), "{}:np.pi", "is a float; it must be a function"),
-    ],
-)
-def test_what_is_no_policy_is_refused_before_any_work(
-    module, capsys, command, policy, message
-):
-    option = "--policies" if command == ("benchmark",) else "--policy"
-    assert gplfd(*command, option, policy.format(module)) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith("gplfd: ")
-    assert message in said
-    assert [path.name for path in Path().glob("[!_]*")] == [f"{module}.py"]
-
-
-@pytest.mark.parametrize(
-    ("function", "error", "line"),
-    [
-        ("refusing", "FileNotFoundError: no weights", "line 13, in refusing"),
-        ("leaving", "SystemExit: 0", "line 17, in act"),
-    ],
-)
-def test_an_error_in_the_policy_is_reported_with_its_place(
-    module, capsys, function, error, line
-):
-    name = f"{module}:{function}"
-    place = f"{error} ({module}.py, {line})"
-    acting = line.endswith("in act")
-    run = ("run", "--policy", name, "--doors", "small", "0.42", "--out", "out")
-    assert gplfd(*run) == (1 if acting else 2)
-    lines = capsys.readouterr().err.splitlines()
-    failed = f"policy '{name}' failed with {place}"
-    if acting:
-        # An error at one door does not keep the others closed.
-        errors = [line for line in lines if failed in line]
-        assert errors == [f"gplfd: small: {failed}", f"gplfd: 0.42: {failed}"]
-        metrics = json.loads(Path("out/metrics.json").read_text())
-        assert [(one["success"], one["error"]) for one in metrics] == [
-            (False, failed)
-        ] * 2
-    else:
-        assert lines[-1] == f"gplfd: {failed}"
+def test_an_error_in_the_policy_is_reported_with_its_place(module, capsys):
+    name, line = f"{module}:refusing", "line 13, in refusing"
+    place = f"FileNotFoundError: no weights ({module}.py, {line})"
+    assert gplfd("run", "--policy", name, "--doors", "small", "--out", "out") == 2
+    failed = f"gplfd: policy '{name}' failed with {place}"
+    assert capsys.readouterr().err.splitlines()[-1] == failed
+    # An error at one door does not keep the others closed.
+    leaving = f"{module}:leaving"
+    run = ("run", "--policy", leaving, "--doors", "small", "0.42", "--out", "out")
+    assert gplfd(*run) == 1
+    metrics = json.loads(Path("out/metrics.json").read_text())
+    failed = f"SystemExit: 0 ({module}.py, line 17, in act)"
+    assert [one["error"].endswith(failed) for one in metrics] == [True, True]
+    capsys.readouterr()
     study = ("benchmark", "--policies", name, *SHORT, "--out", "study")
     assert gplfd(*study, "--engine", "serial") == 1
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said == f"gplfd: {name}, small, seed 0: {place}"
+    printed = capsys.readouterr().err.splitlines()[-1]
+    assert printed == f"gplfd: {name}, small, seed 0: {place}"
     (file,) = Path("study/tasks").glob("*.json")
     trace = json.loads(file.read_text())["traceback"]
     assert f'{module}.py", {line}' in trace
@@ -199,21 +152,13 @@ def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     assert gplfd(*study, "--engine", "serial") == 0
     source = source_of(policy_named(name))
     results = [json.loads(p.read_text()) for p in Path("study/tasks").iterdir()]
-    said = {r["task"]["policy"]: r["task"].get("policy_source") for r in results}
-    assert said == {"oracle": None, name: source}
-    assert all(
-        ("policy_source" in r["task"]) is (r["task"]["policy"] == name) for r in results
-    )
+    sources = {r["task"]["policy"]: r["task"].get("policy_source") for r in results}
+    assert sources == {"oracle": None, name: source}
     config = json.loads(Path("study/study.json").read_text())["config"]
     assert config["policy_sources"] == {name: source}
     page = report(read_results(Path("study")), "oracle")
     text = f"`{name}` | `kind module, file {module}.py, sha256"
     assert text in markdown_page(page)
-    # From its own settings it is the same study again: nothing is left to do.
-    before = {p: p.read_bytes() for p in Path("study/tasks").iterdir()}
-    again = ("benchmark", "--config", "study/study.toml", "--out", "study")
-    assert gplfd(*again, "--engine", "serial") == 0
-    assert {p: p.read_bytes() for p in Path("study/tasks").iterdir()} == before
 
 
 def planned(name: str) -> EpisodeTask:
@@ -256,31 +201,13 @@ def test_the_file_travels_to_where_it_is_missing(module, elsewhere):
         policy_of(stored, NO_FILES)
 
 
-def test_another_content_is_not_the_policy_that_was_planned(module):
-    task = planned(f"{module}:make")
-    source = {**(task.policy_source or {}), "sha256": "0" * 64}
-    other = dataclasses.replace(task, policy_source=source)
-    assert other.key != task.key
-    with pytest.raises(ValueError, match="is not the one that the task was planned"):
-        policy_of(other, NO_FILES)
-    Path(f"{module}.py").write_text(OWN + "\n")
-    with pytest.raises(ValueError, match="has changed since this process"):
-        files_of([task])
-
-
-@pytest.mark.parametrize("missing", [True, False])
-def test_a_worker_has_no_helper_of_the_file_or_the_same(module, elsewhere, missing):
+def test_a_worker_without_a_helper_of_the_file_says_so(module, elsewhere):
     helper = Path(f"helper_of_{module}.py")
     helper.write_text("")
     Path(f"{module}.py").write_text(f"import helper_of_{module}\n{OWN}")
     task = planned(f"{module}:make")
     files = files_of([task])
-    if missing:
-        elsewhere()
-        sys.modules.pop(helper.stem)
-        said = "a policy is a single file; install"
-    else:
-        helper.write_text("# edited")
-        said = f"{helper} has changed since this process"
-    with pytest.raises(ValueError, match=said):
+    elsewhere()
+    sys.modules.pop(helper.stem)
+    with pytest.raises(ValueError, match="a policy is a single file; install"):
         policy_of(task, files)

@@ -164,21 +164,6 @@ def test_outputs_that_never_move_are_not_scored():
         assert found[f"forecast_{share}_coverage_95"] < 1.0
 
 
-def test_uneven_steps_of_time_do_not_weigh_more():
-    even = arcs()
-    times = even[1].times
-    # Samples crowd at the end, where the door is open.
-    crowded = np.union1d(times, np.linspace(3.5, 4.0, 400))
-    poses = [np.interp(crowded, times, output) for output in even[1].poses.T]
-    one = Demonstration(times=crowded, poses=np.column_stack(poses))
-    expected = recorded_metrics(method("dmp"), even, 1)["rmse_position_m"]
-    found = recorded_metrics(method("dmp"), [even[0], one, *even[2:]], 1)
-    assert found["rmse_position_m"] == pytest.approx(expected, rel=0.02)
-    # A method without via-points forecasts what it learned.
-    assert found["via_error_position_m"] is found["forecast_25_nlpd"] is None
-    assert found["forecast_25_position_m"] > 0.5 * found["rmse_position_m"]
-
-
 def test_a_task_is_named_by_what_it_learns_from():
     shown = arcs()
     tasks = recorded_tasks(("gp", "promp"), shown)
@@ -249,9 +234,7 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
         (["none.npz"], "there is no file none.npz"),
         (["two.npz"], "holds 2 demonstration(s)"),
         (["demos.npz", "--policies", "oracle"], "'oracle' learns no movement"),
-        (["demos.npz", "--policies", "gp", "gp"], "gp is given twice"),
         (["demos.npz", "--policies", "promp"], "--reference gp is not among"),
-        (["demos.npz", "--policies", "gq"], "unknown policy 'gq'"),
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_written(folder, arguments, message, capsys):

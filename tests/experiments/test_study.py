@@ -18,7 +18,6 @@ from gplfd_experiments.studies.tasks import (
     TOGETHER,
     SkillTask,
     jobs_of,
-    task_from,
 )
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
@@ -118,23 +117,6 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
     monkeypatch.setattr(synthetic_human, "TeacherConfig", lambda: slower)
     assert episode().teacher["duration_mean"] == 9.0
     assert episode().key != "729ae4581ec21027"
-
-
-@pytest.mark.parametrize(
-    "task",
-    [
-        episode(randomization="hard"),
-        episode(policy_source=CHANGES["policy_source"]),
-        episode(
-            randomization={"longest_delay": 2}, demonstrated_radii=(0.4,), level="1"
-        ),
-        SkillTask(policy="gp", seed=3, held_out="radius"),
-    ],
-)
-def test_a_file_tells_its_task(task):
-    stored = json.loads(json.dumps(task.definition))
-    assert task_from(stored) == task
-    assert task_from(stored).key == task.key
 
 
 def test_a_job_acts_together_whatever_it_learned_from():

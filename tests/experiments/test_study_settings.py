@@ -1,6 +1,7 @@
 """What a person may write about a study, on the command line and in a file."""
 
 import dataclasses
+import re
 
 import pytest
 from hypothesis import given
@@ -57,18 +58,13 @@ def test_a_file_need_not_say_everything(tmp_path):
         ("sedes = 3", "unknown key 'sedes' (did you mean 'seeds'?); keys: policies"),
         ("seeds = ", "cannot be read as TOML: Invalid value"),
         ("seeds = 2.5", "seeds = 2.5 must be a whole number"),
-        ("policies = [3]", "= [3] must be a list in [brackets], each of it a text"),
-        ('start = "before"', "must be 'grasped' or 'approach'"),
-        ('format = "x"', "it holds x, not gplfd study settings"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path, text, message):
     path = tmp_path / "study.toml"
     path.write_text(text)
-    with pytest.raises(ValueError) as raised:  # noqa: PT011 - compared below
+    with pytest.raises(ValueError, match=f"{path}.*{re.escape(message)}"):
         read_settings(path)
-    assert message in str(raised.value)
-    assert str(path) in str(raised.value)
 
 
 def test_a_study_that_does_not_exist_or_is_empty_is_refused():
@@ -98,12 +94,6 @@ def test_the_whole_comparison_is_table_1_on_known_and_new_doors():
     assert sorted({door_config(dict(task.door_config)).radius for task in opened}) == [
         *(0.30, 0.35, 0.42, 0.50, 0.58, 0.62, 0.65)
     ]
-
-
-def test_methods_of_table_1_are_named_together():
-    both = checked(StudySettings(policies=("table-1-tuned", "oracle", "table-1")))
-    tuned = [f"{policy}-tuned" for policy in TABLE_1]
-    assert list(both.policies) == [*tuned, "oracle", *TABLE_1]
 
 
 def test_everything_is_crossed_with_everything():

@@ -90,22 +90,6 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
     }
 
 
-def test_methods_take_part_as_tuned_where_learning_decides(monkeypatch):
-    whole, ideas, small = map(tasks_of, PARTS)
-    assert not {task.policy for task in (*ideas, *small)} & {*TUNED, "kmp-published"}
-    monkeypatch.setattr(plan, "TUNED", ("kmp-published",))
-    few = dataclasses.replace(PARTS["whole"], seeds=1, everywhere=("gp",))
-    monkeypatch.setattr(plan, "PARTS", {**PARTS, "whole": few})
-    tuned = trial_tasks(named_trials(()))
-    met = {task.trial for task in tuned if task.policy == "kmp-published"}
-    assert met == {"radius", "messy", "turned", "noise"}
-    # The ideas are those of the whole, seed by seed.
-    first, second, third = (
-        {one.key for one in tasks} for tasks in (small, ideas, whole)
-    )
-    assert first < second < third
-
-
 def test_a_first_look_is_short_and_all_its_contrasts_showed_in_the_protocol():
     """With fewer seeds than these there is no interval, and nothing can show."""
     small = PARTS["small"]
@@ -239,19 +223,6 @@ def test_an_idea_shows_where_its_interval_leaves_zero_out(
             assert answer.shift.estimate == pytest.approx(estimate, abs=tolerance)
 
 
-def test_shares_and_missing_numbers_are_summed_up(write_study, episode_result):
-    results = outcomes(episode_result, "gp", [*SOME, 1.0, 1.0], "recovery_time")
-    for seed, result in enumerate(results):
-        result["metrics"]["success"] = seed >= 3
-    for result in results[:2]:
-        del result["metrics"]
-        result["error"] = "ValueError: no"
-    own = of_trial(read_results(write_study(results)).episodes, "stop")["stop"]["gp"]
-    assert summary(own, "recovery_time").n == 6
-    rate = summary(own, "success")
-    assert (rate.successes, rate.trials) == (5, 8)
-
-
 @pytest.mark.parametrize("share", ["success", "grasp_kept"])
 def test_an_error_of_the_policy_is_a_failure_in_every_share(
     share, write_study, episode_result
@@ -366,16 +337,9 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     [
         (lambda r: r.pop(), "gp: 1 of 2 are missing: stop, stop, medium, seed 1"),
         (lambda r: r[1]["task"].update(disturbance="push"), "1 are not the protocol"),
-        (
-            lambda r: r[1].update(demonstrations="0"),
-            "1 episodes used other demonstrations, or do not state "
-            "which: stop, stop, medium, seed 1",
-        ),
+        (lambda r: r[1].update(demonstrations="0"), "1 episodes used other demonstra"),
         (lambda r: r[1]["git"].update(dirty=True), "made by code with edits"),
-        (lambda r: r[1]["git"].update(commit="f" * 16), "made by 2 versions of the c"),
         (lambda r: r[1].update(error="x", lost=True), "1 episodes were lost by the"),
-        (lambda r: r[1]["metrics"].clear(), "not a result: 0001.json"),
-        (lambda r: [one["task"].pop("trial") for one in r], "no episode of a trial"),
     ],
 )
 def test_what_does_not_follow_the_protocol_is_named(
@@ -386,23 +350,3 @@ def test_what_does_not_follow_the_protocol_is_named(
     folder = write_study(results)
     assert main(["report", str(folder), "--check"]) == 1
     assert message in capsys.readouterr().out
-
-
-def test_results_of_others_are_put_beside(tmp_path, write_study, whole):
-    first = write_study(whole()).rename(tmp_path / "first")
-    second = write_study(whole("hinge-fit")).rename(tmp_path / "second")
-    page = write_report(read_results(first, second), first, tmp_path / "out")
-    assert "`hinge-fit` (reference) | 2/2" in page.with_suffix(".md").read_text()
-    with pytest.raises(ValueError, match="both hold results of gp; leave out one"):
-        read_results(first, second, write_study(whole()[:1]))
-
-
-def test_the_same_demonstrations_have_the_same_hash(monkeypatch):
-    monkeypatch.setattr(plan, "PARTS", FEW)
-    first, *others = trial_tasks(named_trials(("stop", "messy")), part="small")
-    hashes = {
-        task.demonstrations_key: jobs.demonstrations_hash(task)
-        for task in (first, *others)
-    }
-    # Two seeds, tidy and messy.
-    assert len(hashes) == len(set(hashes.values())) == 4

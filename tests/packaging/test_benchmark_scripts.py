@@ -23,8 +23,6 @@ leaderboard, pictures, speed = map(
     importlib.import_module, ("leaderboard", "pictures", "speed")
 )
 
-# --- Speed -------------------------------------------------------------------
-
 
 def test_times_are_per_operation_and_without_preparation(monkeypatch):
     clock = {"now": 0.0}
@@ -52,21 +50,6 @@ def test_environment_agents_and_vectors_are_measured():
     assert min(values.values()) > 0.0
     assert "2 simulations on 2 threads, CPU over mj_step" in values
     assert "2 `gp` agents in lockstep, a control step" in values
-
-
-# --- Pictures ----------------------------------------------------------------
-
-
-def test_pictures_stand_side_by_side_pixel_by_pixel():
-    values = (10, 90, 170)
-    images = {str(value): np.full((40, 40, 3), value, np.uint8) for value in values}
-    canvas = FigureCanvasAgg(pictures.side_by_side(images, 2))
-    canvas.draw()
-    drawn = np.asarray(canvas.buffer_rgba())[..., 0]
-    assert drawn.shape == (2 * (40 + 26), 80)
-    for value, (row, column) in zip(values, ((0, 0), (0, 40), (66, 0)), strict=True):
-        inside = drawn[row + 1 : row + 39, column + 1 : column + 39]
-        assert np.all(inside == value)
 
 
 @pytest.mark.parametrize("trial", TRIALS)
@@ -102,9 +85,6 @@ def test_a_scene_is_pictured_and_a_film_shows_the_hand_s_way(tmp_path, monkeypat
     assert blue[0] > 50
 
 
-# --- Leaderboard -------------------------------------------------------------
-
-
 def printed(capsys: pytest.CaptureFixture[str], *files: Path) -> str:
     tyro.cli(leaderboard.main, args=[str(file) for file in files])
     return capsys.readouterr().out.strip()
@@ -133,13 +113,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
     rows = printed(capsys, write()).splitlines()
     places = {row.split(" | ")[0]: number for number, row in enumerate(rows)}
     assert places["| `mine:make`"] == places["| `oracle` (learns nothing)"] - 1
-    # What the oracle is best in is now somebody's who learns.
-    column = rows[places["| policy"]].split(" | ").index("push")
-    assert rows[places["| `mine:make`"]].split(" | ")[column] == "1.00<br>**3.6 mm**"
     stored["heavy"]["14 N"]["mine:make"]["lost"] = 1
-    assert "mine:make" not in printed(capsys, write())
-    # Without a trial there is no place either, and another protocol has another board.
-    del stored["heavy"]["14 N"]["mine:make"]
     assert "mine:make" not in printed(capsys, write())
     with pytest.raises(ValueError, match=r"of protocol 8, .* leaderboard of 9"):
         leaderboard.answers_of([write(protocol=8)])

@@ -104,16 +104,10 @@ def test_code_in_the_pages_runs(tmp_path, run_python):
 def test_policies_that_readers_copy_open_doors_gently(tmp_path, run_python):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
     page = (DOCS / "own-policy.md").read_text()
-    snippet, readme = (
-        next(block for block in re.findall(CODE, text, re.S) if "def act(" in block)
-        for text in (page, (ROOT / "README.md").read_text())
-    )
-    assert readme == snippet
+    blocks = re.findall(CODE, page, re.S)
+    snippet = next(block for block in blocks if "def act(" in block)
     tutorial = json.loads((DOCS / "tutorials" / "your-policy.ipynb").read_text())
     cells = ["".join(cell["source"]) for cell in tutorial["cells"]]
-    assert any(f"{cell}\n".endswith(f"\n{snippet}") for cell in cells)
-    example = (ROOT / "examples" / "your_own_policy.py").read_text()
-    assert snippet[: snippet.index("def make(")] in example
     (feel,) = (cell for cell in cells if cell.startswith("%%writefile feel.py\n"))
     (method,) = re.findall(r"```python\n([^`]*^make = Method[^`]*)```", page, re.M)
     (tmp_path / "method.py").write_text(method)
@@ -152,30 +146,6 @@ def test_commands_are_what_the_command_line_takes(document, tmp_path, monkeypatc
         monkeypatch.setattr(command, "execute", lambda self: 0)
     for arguments in commands(document):
         assert cli.main(arguments) == 0, arguments
-
-
-def test_the_method_s_page_quotes_the_stored_trials():
-    """The table of what somebody feels, and the heavy doors that open."""
-    trials = json.loads((DOCS / "results" / "trials-v9.json").read_text())["trials"]
-
-    def value(trial: str, level: str, policy: str, measure: str) -> float:
-        return float(trials[trial][level][policy][measure]["estimate"])
-
-    page = (DOCS / "method.md").read_text()
-    table = page.partition("| | person holds the hand")[2].partition("\n\n")[0]
-    rows = re.findall(r"(?m)^\| `([\w-]+)` \| (.*) \|$", table)
-    assert len(rows) == 7
-    for policy, cells in rows:
-        felt = (
-            value("person", "holds the hand", policy, "person_force_peak"),
-            value("stop", "stop", policy, "stop_force_sustained"),
-            value("locked", "locked", policy, "stop_force_sustained"),
-        )
-        opened = (
-            f"{10 * value('heavy', level, policy, 'success'):.0f}/10"
-            for level in ("14 N", "24 N")
-        )
-        assert cells == " | ".join([*(f"{one:.1f}" for one in felt), ", ".join(opened)])
 
 
 def test_every_public_name_has_a_place_in_the_reference():

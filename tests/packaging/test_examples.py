@@ -60,16 +60,6 @@ def test_example_runs(name, tmp_path, printed):
     assert all(each.stat().st_size > 10_000 for each in written if each.is_file())
 
 
-def test_a_table_of_one_s_own_is_played_and_left_as_it_is(tmp_path, printed):
-    names = "x [m],y [m],z [m],qx,qy,qz,qw"
-    table = tmp_path / "opening.csv"
-    table.write_text(text := "\n".join(["# mine", names, *5 * ["0,0,0,0,0,0,1"]]))
-    said = printed("play_trajectory", "opening.csv")
-    assert said == "5 rows of opening.csv played: door at 0 deg, opened: False\n"
-    assert table.read_text() == text
-    assert list(tmp_path.iterdir()) == [table]
-
-
 def pose_stamped(x=0.0):
     point, turn = (
         SimpleNamespace(x=x, y=0.0, z=0.0),
@@ -85,17 +75,16 @@ def moved(tick, sent):
 
 
 @pytest.mark.parametrize(
-    ("follow", "options", "status", "played", "said"),
+    ("follow", "status", "played", "said"),
     [
-        (moved, (), 0, 6, "played to the end"),
-        (moved, ("--whole",), 0, 10, "played to the end"),
-        (lambda tick, sent: 0.0, (), 1, 4, "stopped: the hand was 0.12"),
-        (lambda tick, sent: None if tick else 0.0, (), 1, 1, "0.100 s ago"),
+        (moved, 0, 6, "played to the end"),
+        (lambda tick, sent: 0.0, 1, 4, "stopped: the hand was 0.12"),
+        (lambda tick, sent: None if tick else 0.0, 1, 1, "0.100 s ago"),
     ],
-    ids=("path", "whole", "stuck", "silent"),
+    ids=("path", "stuck", "silent"),
 )
 def test_the_node_plays_a_file_and_stops_where_the_hand_does_not_follow(
-    tmp_path, monkeypatch, follow, options, status, played, said
+    tmp_path, monkeypatch, follow, status, played, said
 ):
     sent = []
     names = "publisher", "subscription", "timer"
@@ -136,7 +125,7 @@ def test_the_node_plays_a_file_and_stops_where_the_hand_does_not_follow(
     table = {"rate_hz": 10.0, "demonstrated_until_s": 0.55, "samples": samples}
     file = tmp_path / "opening.json"
     file.write_text(json.dumps(table | {"frame": {"name": "base"}}))
-    monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(file), *options])
+    monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(file)])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(ALL["ros2_node"]), run_name="__main__")
     assert (ended.value.code, said in str(log.mock_calls[-1])) == (status, True)

@@ -1,8 +1,5 @@
 """What importing the packages does, each in a fresh interpreter."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 
 PACKAGES = ("gplfd_env", "gplfd_policies", "gplfd_experiments")
@@ -33,11 +30,3 @@ def test_importing_changes_nothing_outside(package, tmp_path, run_python):
     assert unchanged == "True"
     assert heavy == [] or package == "gplfd_experiments"
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("package", ["gplfd", *PACKAGES])
-def test_the_packages_are_typed(package):
-    spec = importlib.util.find_spec(package)
-    assert spec is not None
-    (folder,) = spec.submodule_search_locations or ()
-    assert (Path(folder) / "py.typed").is_file()
