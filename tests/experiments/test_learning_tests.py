@@ -30,7 +30,6 @@ from gplfd_experiments.studies.learning_tests.synthetic import (
     TUMBLE_STD,
     beyond,
     prior_mean_used,
-    tumble,
     tumbled_rotations,
     tumbling,
 )
@@ -143,7 +142,7 @@ def test_learning_does_not_see_what_is_left_out(held_out):
         np.testing.assert_array_equal(before.poses, after.poses)
 
 
-def test_folds_take_turns_and_wrong_ones_are_refused():
+def test_folds_take_turns():
     left_out = [fold.left_out for n in range(6) for fold in folds(doors(), ONE, n)]
     counts = collections.Counter(id(one) for (one,) in left_out)
     assert list(counts.values()) == [2] * 6
@@ -151,10 +150,6 @@ def test_folds_take_turns_and_wrong_ones_are_refused():
     for seed, outer in ((0, 0), (1, 2), (2, 0)):
         middle, other = folds(given, "radius", seed)
         assert (middle.left_out, other.left_out) == (given[1], given[outer])
-    with pytest.raises(ValueError, match=r"'demonstration', 'radius'.*got 'door'"):
-        folds(doors(), "door", 0)
-    with pytest.raises(ValueError, match="at least three doors are needed, got 1"):
-        folds(doors()[:1], "radius", 0)
 
 
 def test_timing_of_the_left_out_demonstration_does_not_matter():
@@ -173,11 +168,6 @@ def test_timing_of_the_left_out_demonstration_does_not_matter():
     assert np.abs(error).max() < 2e-3
     assert (np.diff(found.phases) > 0.0).all()
     assert found.phases[[0, -1]] == pytest.approx([0.0, 1.0])
-    # Every movement predicts the same poses, at phases of its own.
-    movements = (align(doors()[0]), align(doors()[2]))
-    a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in movements)
-    np.testing.assert_array_equal(a.poses, b.poses)
-    assert not np.array_equal(a.phases, b.phases)
 
 
 def test_known_gaussian_has_nominal_coverage_and_its_entropy():
@@ -316,20 +306,6 @@ def test_growth_is_the_std_beyond_over_that_at_the_end():
     assert none == {"uncertainty_growth": None, "prior_mean_used": 0.0}
 
 
-def test_beyond_is_not_learned():
-    ends = []
-
-    def learn_and_tell(training: TrainingInput) -> Known:
-        ends.extend(one.poses[-1, 4] for one in training.demonstrations)
-        return Known(align(training.demonstrations))
-
-    fold = folds(doors(), "demonstration", 0)[0]
-    beyond(Untaught(fit=learn_and_tell, accepts_prior_mean=True), fold, 0)
-    # Learned twice, without and with a prior mean.
-    whole = 2 * [one.poses[-1, 4] for one in fold.given]
-    np.testing.assert_allclose(ends, 0.7 * np.array(whole), rtol=0.1)
-
-
 def used_by(method: Method) -> Any:
     given = [one for door in doors() for one in door]
     plain, _ = learn(method, given, 0)
@@ -365,17 +341,6 @@ def test_share_of_the_way_to_the_prior_mean(share, expected):
 def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
     """A residual learned about its own average keeps that average beyond."""
     assert used_by(going(1.0, corrected=True)) < 0.9
-
-
-def test_tumbling_turns_by_more_than_pi_about_changing_axes():
-    poses = tumble(0, range(6))[0].poses
-    angle = np.linalg.norm(poses[:, 3:], axis=1)
-    assert angle.max() > 1.1 * np.pi
-    axes = poses[[100, -1], 3:] / angle[[100, -1], None]
-    assert axes[0] @ axes[1] < 0.98
-    resting = tumble(0, (0, 2))[0].poses
-    np.testing.assert_array_equal(resting[:, [1, 3, 4, 5]], 0.0)
-    np.testing.assert_array_equal(resting[:, [0, 2]], poses[:, [0, 2]])
 
 
 def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():

@@ -14,7 +14,6 @@ import pytest
 
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
-from gplfd_experiments.analysis.report.page import write_report
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS, success_rate
@@ -81,13 +80,9 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
         assert all(theirs <= met[policy] for policy in TRIALS[name].only_policies)
         assert not any(one[0] == name for one in met["reflex"])
     # Who takes a prior mean also meets the levels that give one.
-    given = {(trial, level) for trial, level, *_ in met["gp"] - met["dmp"]}
-    # And those with corrections, who can be corrected.
-    given -= {("corrections", level) for level in TRIALS["corrections"].levels}
-    assert given == {("further", "prior mean"), ("few", "two and a prior mean")}
-    assert {trial for trial, *_ in met["gp-constant-100"]} == {
-        name for name, trial in TRIALS.items() if "gp-constant-100" in trial.own
-    }
+    prior = {(trial, level) for trial, level, *_ in met["gp"] - met["dmp"]}
+    prior -= {("corrections", level) for level in TRIALS["corrections"].levels}
+    assert prior == {("further", "prior mean"), ("few", "two and a prior mean")}
 
 
 def test_a_first_look_is_short_and_all_its_contrasts_showed_in_the_protocol():
@@ -113,15 +108,6 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
     tasks = tasks_of("ideas")
     for task in tasks[::20]:
         assert task_from(task.definition) == task
-    trainings = {task.training_key: task.policy for task in tasks}
-    learned = Counter(trainings.values())
-    # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
-    # with rests; with forces: standard, with closers, levers, levers with closers. Then
-    # seven other motions, levers, pushed ones and knobs, two doors reached with two
-    # errors of the handle, three pairs of kinds, four sets of few, and flaps with five
-    # kinds of practice each; without, they are those of the other motions.
-    assert learned["gp"] == 2 * (13 + 7 + 3 + 4 + 3 + 4 + 2 * 5)
-    assert learned["gp-constant-100"] == 2
 
 
 def test_the_protocol_is_sound():
@@ -245,17 +231,12 @@ def test_the_report_keeps_every_number_in_a_small_file(write_study, episode_resu
     results, speeds = [], np.arange(1.0, 9.0)
     for policy, slowest in (("gp", 0.1), (CONSTANT[0], 1.0)):
         for radius, factor in ((0.4, slowest), (0.5, 3.0 * slowest)):
-            given = (policy, factor * speeds, "release_speed")
-            results += outcomes(episode_result, *given, radius=radius)
+            values = (policy, factor * speeds, "release_speed")
+            results += outcomes(episode_result, *values, radius=radius)
     for result in results:
         result["metrics"]["success"] = result["task"]["policy"] == "gp"
         result["metrics"]["stop_force_sustained"] = None
-    folder = write_study(results)
-    write_report(read_results(folder), folder)
-    figures = {figure.stem for figure in (folder / "figures").iterdir()}
-    assert figures >= {"trials_ideas", "trial_stop"}
-    kept = json.loads((folder / "trials.json").read_text())
-    assert kept["protocol"] == VERSION
+    kept = trial_answers(read_results(write_study(results)))
     own = kept["trials"]["stop"]["stop"]["gp"]
     assert (own["episodes"], own["errors"]) == (16, 0)
     assert own["release_speed"]["seeds"] == [0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6]

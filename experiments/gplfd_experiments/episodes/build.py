@@ -1,7 +1,7 @@
 """Makes demonstrations, agents and environment of an episode from its task.
 
-Only this module makes them, so that a run, a study, its repetition, a figure and a live
-view of one task have the same numbers. It also reports errors in a user's policy.
+Only this module makes them, so that runs, studies and figures of one task have the same
+numbers. It also reports errors in a user's policy.
 """
 
 import contextlib
@@ -43,9 +43,8 @@ from gplfd_policies.registry.method import Policy, TrainingInput
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     """Return the synthetic human's demonstrations for a task.
 
-    If the episode starts with the hand in front of the handle, the demonstrations also
-    reach for the handle. Their openings are those of the same task with the handle in
-    the hand.
+    If the hand starts in front of the handle, they also reach for it; their openings
+    are those of the same task with the handle in the hand.
     """
     return _demonstrated(task.demonstrations_key)
 
@@ -82,10 +81,7 @@ def demonstrations_hash(task: EpisodeTask) -> str:
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
-    """Learn a policy's movement, if it follows one, and return a factory of agents.
-
-    Policies without a learned movement make every agent independently.
-    """
+    """Learn a policy's movement, if it follows one, and return a factory of agents."""
     method = policy.method
     modes = method.learn_modes(training) if method is not None else None
 

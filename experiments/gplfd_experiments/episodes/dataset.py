@@ -66,16 +66,15 @@ def record_dataset(
         for number in range(episodes)
     ]
     first = tasks[0]
-    for task in tasks:
-        if task.base != first.base:
-            raise ValueError(
-                f"door {first.door} is opened with base={first.base!r} and door "
-                f"{task.door} with base={task.base!r}; a data set has one environment: "
-                "record two data sets"
-            )
+    if other := next((task for task in tasks if task.base != first.base), None):
+        raise ValueError(
+            f"door {first.door} is opened with base={first.base!r} and door "
+            f"{other.door} with base={other.base!r}; a data set has one environment: "
+            "record two data sets"
+        )
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
-    # The first agent determines the environment of all episodes. Resets change the
-    # door.
+    # The first agent determines the environment of all episodes, whose resets change
+    # the door.
     with reported_errors(policy, chosen):
         control = learned_agents(first, chosen)().control
     with contextlib.closing(make_environment(first, control, **limit)) as env:

@@ -13,19 +13,7 @@ SHORT: Final[Mapping[str, str]] = {
 }
 """Short labels; other failures are named by `failure_name`."""
 
-MEANINGS: Final[Mapping[str, str]] = {
-    "stalled": "the hand held on and the door gained no more angle",
-    "latched": "the latch held the door, because the handle was not turned far enough",
-    "not grasped": "the hand did not grasp the handle",
-    "grasp lost": "the handle left the hand",
-    "base blocked": "the base was blocked although it was commanded to move",
-    "simulation error": "the simulation diverged",
-    "time limit": "the time limit of the episode was reached",
-    "policy error": "the policy raised an error, in learning or acting",
-}
-"""Explanations by `failure_name`."""
-
-_WORDS: Final = {
+_WORDS: Final[Mapping[str, str]] = {
     "grasp_lost": "hand lost the handle",
     "base_blocked": "base was blocked",
     "stalled": "door did not move further",
@@ -39,6 +27,11 @@ _WORDS: Final = {
     "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
 }
 """Plain words for ``failure`` and ``reason`` of an episode."""
+
+MEANINGS: Final[Mapping[str, str]] = {
+    failure.replace("_", " "): words for failure, words in _WORDS.items()
+}
+"""The same words by `failure_name`."""
 
 
 def failure_name(failure: str, unknown: str) -> str:

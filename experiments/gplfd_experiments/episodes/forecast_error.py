@@ -54,8 +54,7 @@ def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | 
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
 
-    The arc is rotated and shifted to fit the logged handle, because the robot may have
-    a placement error.
+    The arc is rotated and shifted to the logged handle: the robot may be misplaced.
     """
     door = DoorGeometry.of(log.config)
     logged = _plane(door.hand_poses(log.opening.door_angle, log.opening.handle_angle))

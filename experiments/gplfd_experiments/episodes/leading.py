@@ -1,7 +1,6 @@
 """A leader moves the robot's hand while its policy acts; the motion is recorded.
 
-`LedAgent` combines an agent with a leader: the synthetic corrector of this module, or
-any object with the methods of `Leader`, such as a person with a mouse.
+`LedAgent` combines an agent with a `Leader`: the synthetic corrector, or a person.
 """
 
 import math
@@ -24,8 +23,6 @@ from gplfd_policies.movements.movement import GaussianTrajectory
 
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
 """Door angles of the true path with which a command is compared [rad]."""
-_LONGEST: Final = 120.0
-"""Duration of the random tremor of the leading hand [s]."""
 _SERVO: Final = 2000.0
 """Stiffness of the arm under pose commands [N/m]."""
 _DEVIATION: Final = 0.02
@@ -50,8 +47,8 @@ _PRESS_TIME: Final = 0.8
 """Duration of turning a handle [s]."""
 _TREMOR: Final = (0.001, math.radians(0.5))
 """Standard deviation per axis of the leading hand [m, rad]."""
-_TREMOR_TIME: Final = 0.15
-"""Its correlation time [s]."""
+# Correlation time of this tremor, and the longest episode with it [s].
+_TREMOR_TIME, _LONGEST = 0.15, 120.0
 
 
 class Leader(Protocol):
@@ -129,9 +126,8 @@ class LedAgent:
 class SyntheticCorrector:
     """Leads the hand along the handle's true path if the policy deviates or stalls.
 
-    The arm's servo, a spring, pulls the hand with a limited force towards a point that
-    moves on the path ahead of it. Taking over and handing over are minimum-jerk blends
-    of two commands. The leading hand has a random tremor, drawn from `rng`.
+    The servo pulls the hand with a limited force towards a point on the path ahead.
+    Taking and handing over are minimum-jerk blends. The tremor is drawn from `rng`.
     """
 
     by: Who = "synthetic"

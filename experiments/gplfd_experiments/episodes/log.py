@@ -203,11 +203,11 @@ class EpisodeLog:
     forecasts: Forecasts
 
     def __post_init__(self) -> None:
-        config = MappingProxyType(dict(self.door_config))
-        object.__setattr__(self, "door_config", config)
         times = np.array(self.times, np.float64)
         times.flags.writeable = False
-        object.__setattr__(self, "times", times)
+        config = MappingProxyType(dict(self.door_config))
+        for name, value in (("times", times), ("door_config", config)):
+            object.__setattr__(self, name, value)
         sizes = {
             "T": times.size,
             "nq": self.motion.qpos.shape[-1],
@@ -221,10 +221,8 @@ class EpisodeLog:
                 axes = declared.dim_str.split()
                 expected = tuple(int(sizes.get(axis, axis)) for axis in axes)
                 if shape != expected:
-                    raise ValueError(
-                        f"EpisodeLog.{part}.{name} has shape {shape}, "
-                        f"expected {expected}"
-                    )
+                    array = f"EpisodeLog.{part}.{name}"
+                    raise ValueError(f"{array} has shape {shape}, expected {expected}")
 
     def __repr__(self) -> str:
         """Return the episode and its end in one line."""

@@ -1,13 +1,11 @@
 """Metrics of an episode, computed from its log.
 
 The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness is the log
-dimensionless jerk of Balasubramanian et al., *On the analysis of movement smoothness*,
-Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Acceleration and smoothness
-of the door are those of the EUROBENCH project's benchmark of robots at doors. Forces on
-people are compared with ISO/TS 15066, which limits the quasi-static force of more than
-half a second and, at twice that value, the transient force. Errors of forecasts are in
-`gplfd_experiments.episodes.forecast_error`.
+from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness that of Balasubramanian
+et al., *On the analysis of movement smoothness*, Journal of NeuroEngineering and
+Rehabilitation 12:112, 2015. Forces on people are compared with ISO/TS 15066, which
+limits the quasi-static force of more than half a second and, at twice that value, the
+transient force.
 """
 
 import math
@@ -28,15 +26,11 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
 _MOVED: Final = math.radians(1.0)
-"""Angle from which the door counts as moved [rad]; the opening motion ends when the
-door is first within this angle of its largest angle."""
-
+"""Angle from which the door counts as moved [rad]."""
 _SMOOTHING_TIME: Final = 0.2
 """Window of the local polynomials for jerk and acceleration [s]."""
-
-SUSTAINED: Final = 0.5
+_SUSTAINED: Final = 0.5
 """A force of this duration counts as sustained [s]."""
-
 _RECOVERED: Final = math.radians(5.0)
 """Further opening after a disturbance that counts as recovery [rad]."""
 _AFTER: Final = 1.0
@@ -64,9 +58,11 @@ def episode_metrics(
     stiffness = _known_rows(agent.stiffness)
     margin = _known_rows(agent.stability_margin)
     along = {"tangential": forces.force_tangential, "radial": forces.force_radial}
-    acceleration, smoothness = door_acceleration(angle, log.dt), None
-    if acceleration is not None and acceleration.any():
-        smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
+    acceleration, peak, smoothness = door_acceleration(angle, log.dt), None, None
+    if acceleration is not None:
+        peak = _largest(np.abs(acceleration))
+        if acceleration.any():
+            smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
     speed, recovered = recovery(log)
     names = ("policy", "door", "radius", "seed", "success", "failure", "reason")
     return {
@@ -119,9 +115,7 @@ def episode_metrics(
         ),
         # Indicators of the EUROBENCH benchmark: largest |φ̈| [rad/s²], 1 / √Σ φ̈² over
         # the control steps [s²/rad], larger is smoother, and time to the first degree.
-        "door_acceleration_peak": None
-        if acceleration is None
-        else _largest(np.abs(acceleration)),
+        "door_acceleration_peak": peak,
         "door_smoothness": smoothness,
         "time_to_move": _first(log, np.abs(angle - angle[0]) >= _MOVED),
         # On a person, and of the door on what stops it [N]: largest, and sustained for
@@ -145,10 +139,7 @@ def episode_metrics(
 def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
     """State in how many episodes decisions exceeded the control period; "" if in none.
 
-    The median counts, because other processes on a busy machine delay single decisions.
-
-    Args:
-        metrics: Metrics of episodes of one policy, from `episode_metrics`.
+    Of one policy, by the median, because a busy machine delays single decisions.
     """
     period = 1e3 * CONTROL_PERIOD
     medians = [m.get("latency_wall_median_ms") or 0.0 for m in metrics]
@@ -259,8 +250,8 @@ def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
 
 
 def sustained(force: FloatArray, dt: float) -> float:
-    """Greatest of the magnitudes (N,) [N] that lasted for `SUSTAINED` unbroken [N]."""
-    window = round(SUSTAINED / dt)
+    """Greatest of the magnitudes (N,) [N] that lasted for half a second [N]."""
+    window = round(_SUSTAINED / dt)
     return float(minimum_filter1d(force, window, mode="constant").max())
 
 

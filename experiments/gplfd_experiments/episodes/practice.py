@@ -22,10 +22,7 @@ LOST: Final = "grasp_lost"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Practice:
-    """Doors that a policy opens in turn until it has N corrections.
-
-    It ends earlier after a round without a correction.
-    """
+    """Doors opened in turn until N corrections, or a round without a correction."""
 
     corrections: int
     """Number N of corrections."""

@@ -1,7 +1,7 @@
 """Let agents act until their episodes end, and log all quantities.
 
-`rollout` runs one agent in the single environment, `rollouts` many in lockstep in the
-vector environment. Both give the same logs, bit for bit.
+`rollout` runs one agent, `rollouts` many in lockstep; both give the same logs, bit for
+bit.
 """
 
 import time
@@ -54,8 +54,7 @@ def rollout(
             the door [rad].
 
     Raises:
-        ValueError: The agent does not return poses, or the environment's information
-            lacks an entry.
+        ValueError: The agent returns no pose, or the environment's info lacks an entry.
     """
     agent = as_agent(agent)
     inner: Any = env.unwrapped

@@ -93,9 +93,8 @@ class Engine:
                 results = parallel(calls(numbers))
                 try:
                     for number, result, texts in results:
+                        # Dask may repeat an item whose worker dies after its end.
                         if number not in unfinished:
-                            # Dask repeats a finished item if its worker dies before
-                            # the result was fetched.
                             continue
                         unfinished.remove(number)
                         for text in set(texts) - warned:
@@ -201,10 +200,8 @@ def _with_warnings(
 
 
 def _reason(error: Exception) -> str:
+    name = type(error).__name__
     # Dask's KilledWorker is not imported, because Dask is optional.
-    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
+    if isinstance(error, BrokenExecutor) or name == "KilledWorker":
         return "its worker died: it crashed, was killed or had no memory left"
-    return (
-        f"no worker could run it ({type(error).__name__}: {error}); is this package "
-        "installed there, in the same version?"
-    )
+    return f"no worker could run it ({name}: {error}); does it have this package?"

@@ -32,11 +32,6 @@ _EXHAUSTED: Final = frozenset(
 )
 """Errors of a machine with a full disk, memory or table of open files."""
 
-_MEASURED_BY: Final = (
-    *("seed", "demonstrations_per_door", "teacher", "demonstrated_forces", "held_out"),
-)
-"""Fields of a learning test that are arguments of `method_metrics`."""
-
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]; at most a degree of a demonstrated opening."""
 
@@ -101,8 +96,9 @@ def _learning_result(
             f"policy {task.policy!r} learns no movement, so there is nothing to measure"
         )
     if isinstance(task, SkillTask):
-        fields = {name: getattr(task, name) for name in _MEASURED_BY}
-        metrics = method_metrics(method, **fields)
+        taught = ("demonstrations_per_door", "teacher", "demonstrated_forces")
+        names = ("seed", *taught, "held_out")
+        metrics = method_metrics(method, **{n: getattr(task, n) for n in names})
     else:
         metrics = recorded_metrics(method, recordings, task.seed)
     return {**_origin(task), "metrics": _plain(metrics)}

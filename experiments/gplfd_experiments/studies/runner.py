@@ -21,11 +21,7 @@ from gplfd_experiments.studies.store import (
     stored_results,
     write_study,
 )
-from gplfd_experiments.studies.tasks import (
-    Job,
-    Result,
-    jobs_of,
-)
+from gplfd_experiments.studies.tasks import Job, Result, jobs_of
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
@@ -38,9 +34,7 @@ def run_or_resume(
 ) -> int:
     """Run the tasks of a study without a complete result, or with an error.
 
-    At the end, every task must have a complete result on the disk, because files may
-    have been deleted or changed meanwhile. Returns the number of tasks with an error or
-    without a result.
+    Returns the number of tasks with an error or, at the end, without a result.
     """
     check_folder(folder)
     sources = {task.policy: task.policy_source for task in study if task.policy_source}
@@ -61,8 +55,7 @@ def run_or_resume(
         except KeyboardInterrupt:
             raise KeyboardInterrupt("run the same command again to go on") from None
 
-    # Read the files again: the results are the files, not the return values of the
-    # engine.
+    # The results are the files, not the return values of the engine.
     stored = stored_results(folder, study)
     if errors := len(stored.failed):
         LOG.error(
@@ -72,8 +65,7 @@ def run_or_resume(
     if missing := len(stored.unfinished) - errors:
         LOG.error(
             f"{missing} of {total} tasks have no complete result in "
-            f"{folder / 'tasks'}: files were deleted or changed while the study ran; "
-            "the same command runs these tasks again"
+            f"{folder / 'tasks'}; the same command runs these tasks again"
         )
         for reason in stored.damaged:
             LOG.error(reason)
@@ -111,9 +103,7 @@ def run_study(
                     results = outcome
                 elif len(job) == 1:
                     results = [failed(job[0], outcome.reason, lost=True)]
-                else:
-                    # One task may have ended the worker of all tasks, so run each
-                    # alone.
+                else:  # One task may have ended the worker of all.
                     alone += [(task,) for task in job]
                     continue
                 for task, result in zip(job, results, strict=True):

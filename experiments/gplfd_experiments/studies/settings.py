@@ -18,9 +18,8 @@ TABLE_1_NAME: Final = "table-1"
 TUNED_NAME: Final = "table-1-tuned"
 """Name that stands for the same policies after tuning."""
 
-KIND: Final = "gplfd study settings"
-VERSION: Final = 1
-"""Version of the keys of a file and their meanings."""
+# Kind of the file, and version of its keys.
+KIND, VERSION = "gplfd study settings", 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -94,21 +93,17 @@ class Condition:
     def teaching(self) -> str:
         """Description of the demonstrations."""
         forces = " with forces" if self.demonstrated_forces else ""
-        return (
-            f"{self.demonstrations_per_door} demonstrations{forces} per door, teacher "
-            f"noise × {self.teacher_noise:g}"
-        )
+        number = f"{self.demonstrations_per_door} demonstrations{forces} per door"
+        return f"{number}, teacher noise × {self.teacher_noise:g}"
 
     def __str__(self) -> str:
         if self.trial:
             return f"trial {self.trial}, {self.level}"
         text = f"{self.teaching}, randomization {self.randomization}"
-        if self.disturbance != "none":
-            text += f", disturbance {self.disturbance}"
-        if self.start != "grasped":
-            text += f", start {self.start}"
-        if self.robot != "tiago-like":
-            text += f", robot {self.robot}"
+        usual = {"disturbance": "none", "start": "grasped", "robot": "tiago-like"}
+        for name, value in usual.items():
+            if getattr(self, name) != value:
+                text += f", {name} {getattr(self, name)}"
         return text
 
 

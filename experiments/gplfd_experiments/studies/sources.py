@@ -1,8 +1,7 @@
 """Policies from outside this project: identification and transfer to workers.
 
-A task contains the name of a user's file and the hash of its content and of the files
-that it imports from its folder. The file is sent with the jobs, for machines that lack
-it.
+A task has the name and hash of a user's file and of what it imports from its folder.
+The file is sent with the jobs, for machines that lack it.
 """
 
 import functools
@@ -43,13 +42,9 @@ def source_of(policy: Policy) -> PolicySource | None:
     origin = policy.origin
     if origin is None or origin.kind == "built-in":
         return None
-    source = {
-        "kind": origin.kind,
-        "distribution": origin.distribution,
-        "version": origin.version,
-        "file": Path(origin.file).name,
-        "sha256": origin.sha256,
-    }
+    names = ("kind", "distribution", "version", "file", "sha256")
+    source = {name: getattr(origin, name) for name in names}
+    source["file"] = Path(origin.file).name
     return {name: text for name, text in source.items() if text}
 
 

@@ -23,15 +23,11 @@ STUDY: Final = "study.json"
 """Name of the file that states how the results of a folder were made."""
 PLANNED: Final = "tasks"
 """Entry of that file: number of tasks of the study."""
-STUDY_KIND: Final = "gplfd study"
-STUDY_VERSION: Final = 1
-STUDY_STAMP: Final[Mapping[str, Any]] = stamp(STUDY_KIND, STUDY_VERSION)
+# Kind of each file, and version of its layout.
+_STUDY, _RESULT = ("gplfd study", 1), ("gplfd result", 1)
+STUDY_STAMP: Final[Mapping[str, Any]] = stamp(*_STUDY)
 """First entries of that file."""
-
-RESULT_KIND: Final = "gplfd result"
-RESULT_VERSION: Final = 1
-"""Version of the layout and the required metrics of result files."""
-RESULT_STAMP: Final[Mapping[str, Any]] = stamp(RESULT_KIND, RESULT_VERSION)
+RESULT_STAMP: Final[Mapping[str, Any]] = stamp(*_RESULT)
 """First entries of a result file."""
 
 POLICY_ERROR: Final = "policy_error"
@@ -59,7 +55,7 @@ def read_study(folder: Path) -> dict[str, Any]:
     """Return the content of study.json."""
     about = read_json(folder / STUDY)
     with naming(folder / STUDY):
-        check_stamp(about, STUDY_KIND, STUDY_VERSION)
+        check_stamp(about, *_STUDY)
     return about
 
 
@@ -70,7 +66,7 @@ def result_path(folder: Path, task: Task) -> Path:
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
     """Return the metrics of a result; none if it is an error."""
-    check_stamp(record, RESULT_KIND, RESULT_VERSION)
+    check_stamp(record, *_RESULT)
     if "error" in record:
         entry(record, "error", str)
         return {}

@@ -86,9 +86,8 @@ def task_from(record: Mapping[str, Any]) -> Task:
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in their given order.
 
-    Tasks with one training are in one job, and so are, up to `TOGETHER` episodes,
-    several trainings of a policy whose agents compute their steps together. The result
-    of a task does not depend on the others of its job.
+    A job has the tasks of one training, or, up to `TOGETHER` episodes, several
+    trainings of a policy whose agents compute their steps together.
     """
     trainings: dict[str, dict[str, Task]] = {}
     for task in study:

@@ -1,10 +1,8 @@
 """Folds: left-out demonstrations, their phases, and learning from the others.
 
-Learning uses neither poses nor timing of left-out demonstrations. The phase of a
-left-out pose is not predicted; it follows from the completion index of its
-demonstration, Eq. (16) of Arduengo et al., arXiv:2002.09979: a pose belongs to the
-phase at which the learned demonstrations had completed the same share of their own
-paths.
+Learning uses neither poses nor timing of left-out demonstrations. By the completion
+index, Eq. (16) of Arduengo et al., arXiv:2002.09979, a left-out pose belongs to the
+phase at which the learned demonstrations had completed the same share of their paths.
 """
 
 import time
@@ -38,10 +36,9 @@ HeldOut = Literal["demonstration", "radius"]
 """Unit that a learning test leaves out, see `folds`."""
 HELD_OUT: Final[tuple[HeldOut, ...]] = get_args(HeldOut)
 
-_CLOCK_SHARE: Final = 1e-6
-"""Weight of time in the completion index, which is constant while the hand rests."""
-_ROTATION_WEIGHT: Final = 0.5
-"""ω₁ of Eq. (17), as in every policy's alignment."""
+# Weight of time in the completion index, which is constant while the hand rests, and
+# ω₁ of Eq. (17), as in every policy's alignment.
+_CLOCK_SHARE, _ROTATION_WEIGHT = 1e-6, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,14 +66,9 @@ def folds(
 
     * "demonstration": each of two folds leaves out one demonstration of another door.
       The seed selects them in turn, so that all are left out equally often.
-    * "radius": one fold leaves out all demonstrations of the middle door, which is
-      close to the average of the others. The other fold leaves out an outer door, in
-      turn the smallest and the largest, to which a method must adapt.
+    * "radius": one fold leaves out all demonstrations of the middle door, the other
+      those of an outer door, in turn the smallest and the largest.
     """
-    if held_out not in HELD_OUT:
-        raise ValueError(f"held_out must be one of {HELD_OUT}, got {held_out!r}")
-    if len(doors) < 3:
-        raise ValueError(f"at least three doors are needed, got {len(doors)}")
     if held_out == "radius":
         outer = 0 if seed % 2 == 0 else len(doors) - 1
         places = [
@@ -117,11 +109,7 @@ class OnPhases:
         return np.where(self.moving, poses, np.nan)
 
     def thinned(self, count: int) -> "OnPhases":
-        """Return the demonstration at equal steps of its own time.
-
-        The poses do not depend on the movement, so that all methods predict the same
-        poses.
-        """
+        """Return the demonstration at equal steps of its own time."""
         samples = np.arange(len(self.phases), dtype=np.float64)
         wanted = np.linspace(0.0, samples[-1], count)
         return OnPhases(
@@ -165,8 +153,7 @@ def learn(
     """Learn, and return the movement and the CPU time of this thread [s].
 
     The time includes alignment and a first prediction, to which some methods defer
-    work. Warnings about few or noisy demonstrations are suppressed, because their
-    effect is measured.
+    work. There are no warnings of few or noisy demonstrations.
     """
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean

@@ -25,16 +25,12 @@ from gplfd_policies.registry.method import Method
 
 _MOVING: Final = [0, 2, 4]
 """Outputs that move when a door opens: x, z and θu_y; the others are constant."""
-_KEPT: Final = 0.7
-"""Learned share of the task."""
-_BORDER: Final = np.linspace(0.95, 1.0, 11)
-_BEYOND: Final = np.linspace(1.4, 1.5, 11)
-"""Phases, in lengths of the learned part."""
+# Phases at the end of the learned part, beyond it, and so far beyond it that it has no
+# influence, because length-scales are at most three.
+_BORDER, _BEYOND = np.linspace(0.95, 1.0, 11), np.linspace(1.4, 1.5, 11)
+_FAR: Final = np.linspace(20.0, 21.0, 11)
 _DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
 """Distance of the prior mean from the demonstrations' mean [m, rad]."""
-_FAR: Final = np.linspace(20.0, 21.0, 11)
-"""Phases far beyond the demonstrations, which have no influence there, because
-length-scales are at most three."""
 
 
 def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
@@ -44,7 +40,11 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     standard deviation at phases 1.4 to 1.5 over that at 0.95 to 1, as the geometric
     mean of x, z and θu_y. A method that keeps the last spread has 1.
     """
-    starts = [_start(demonstration) for demonstration in fold.given]
+    starts = []
+    for whole in fold.given:
+        size = int(np.searchsorted(task_completion_index(whole), 0.7)) + 1
+        start = Demonstration(times=whole.times[:size], poses=whole.poses[:size])
+        starts.append(start)
     movement, _ = learn(method, starts, seed)
     border = movement.predict(_BORDER).std[:, _MOVING]
     outside = movement.predict(_BEYOND).std[:, _MOVING]
@@ -58,28 +58,16 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     return scores
 
 
-def _start(demonstration: Demonstration) -> Demonstration:
-    """Return the first part of a demonstration, up to 70 % of its path."""
-    index = task_completion_index(demonstration)
-    size = int(np.searchsorted(index, _KEPT)) + 1
-    return Demonstration(
-        times=demonstration.times[:size], poses=demonstration.poses[:size]
-    )
-
-
 def prior_mean_used(
     method: Method, demonstrations: Sequence[Demonstration], seed: int, plain: Movement
 ) -> float | None:
     """Give a method a prior mean and predict far beyond the demonstrations.
 
     The prior mean is the demonstrations' mean, displaced by 0.1 m and 0.3 rad, and
-    constant after its last pose. It contradicts the demonstrations, and twenty of their
-    lengths later it is the only information. A method that corrects it everywhere,
-    because it treats it as a description of the demonstrations, does not return to it.
-
-    Returns the displacement of the prediction from that of the movement without a prior
-    mean, as a share of the distance to the prior mean in [0, 1]; None if the method
-    accepts no prior mean.
+    constant after its last pose. A method that corrects it everywhere does not return
+    to it. Returns the displacement of the prediction from that of the movement without
+    a prior mean, as a share of the distance to the prior mean in [0, 1]; None if the
+    method accepts no prior mean.
     """
     if not method.accepts_prior_mean:
         return None
@@ -94,15 +82,11 @@ def prior_mean_used(
     return min(max(share, 0.0), 1.0)
 
 
-_COUNT: Final = 6
+_COUNT, _DURATION = 6, 6.0  # of demonstrations, and of each [s]
 _CLOCK: Final = np.linspace(0.0, 1.0, 301)
-_DURATION: Final = 6.0
-_LENGTH: Final = 1.0
-"""Path length along x [m]; equal in all demonstrations, so that their clocks agree."""
 _CORRELATION: Final = 0.25
 TUMBLE_STD: Final = 0.05
 """Standard deviation of the orientation about each of its axes [rad]."""
-_HELD_OUT: Final = 100
 _JUDGED: Final = np.linspace(0.1, 1.0, 91)
 
 
@@ -147,7 +131,8 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
         wobble = smooth_functions(_CLOCK, _CORRELATION, 5, rng)
         wobble *= np.minimum(1.0, 10.0 * _CLOCK)[:, None]
         positions = np.zeros((_CLOCK.size, 3))
-        positions[:, 0] = _LENGTH * _CLOCK
+        # Equal lengths [m], so that the clocks agree.
+        positions[:, 0] = _CLOCK
         positions[:, 1] = 0.01 * wobble[:, 0]
         positions[:, 2] = _spread(_CLOCK) * wobble[:, 1]
         turn = Rotation.from_rotvec(TUMBLE_STD * wobble[:, 2:])
@@ -162,7 +147,7 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
 def _excess(movement: Movement, seed: int) -> float | None:
     """Negative log density of z in other repetitions, above that of the truth."""
     rng = np.random.default_rng([seed, 1])
-    wobble = smooth_functions(_JUDGED, _CORRELATION, _HELD_OUT, rng)
+    wobble = smooth_functions(_JUDGED, _CORRELATION, 100, rng)
     std = _spread(_JUDGED)[:, None]
     drawn = std * wobble
     predicted = movement.predict(_JUDGED)

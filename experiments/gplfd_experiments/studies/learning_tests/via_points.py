@@ -124,9 +124,8 @@ def online_forecasts(
 ) -> Scores:
     """Return the scores of `forecasts` for the method's agent with a period [s].
 
-    The truth is compared at the same phases, which follow from its whole path and are
-    unknown to the agent. ``path_m`` is the rms distance of the true path ahead from the
-    forecast path, without timing.
+    The phases of the truth follow from its whole path and are unknown to the agent.
+    ``path_m`` is the rms distance of the path ahead from its forecast, without timing.
     """
     counts = np.searchsorted(left_out.phases, FORECASTS, side="right").tolist()
     learned = movement.predict(GRID)
@@ -171,9 +170,8 @@ def watch(
 ) -> Mapping[int, Forecast]:
     """Let the method's agent, with its own phase rule and via-points, observe poses.
 
-    Poses (N, 6) [m, rad] are those of the hand, one every period [s]. There are no
-    forces, and the commands are ignored. Returns forecasts by number of observed poses,
-    from 1 to N; they do not depend on later poses.
+    Poses (N, 6) [m, rad] of the hand are one every period [s], without forces. Returns
+    forecasts by number of observed poses, 1 to N; they depend on no later pose.
     """
     agent = CompliantAgent(
         GriddedMovement(movement, method.adaptation, GRID.size),
@@ -231,11 +229,9 @@ def observed(
 def force_scores(
     method: Method, movement: Movement, left_out: OnPhases, demonstration: Demonstration
 ) -> Scores:
-    """Return the accuracy of the force at a demonstration with its phases.
+    """Return the accuracy of the wrench, in the axes of the hand, at known phases.
 
-    The wrenches are in the axes of the hand, as in
-    `gplfd_policies.movements.movement.LearnedMovement.forces`. Empty if no forces were
-    learned or recorded.
+    Empty if no forces were learned or recorded.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None or demonstration.wrenches is None:

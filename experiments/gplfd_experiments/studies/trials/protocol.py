@@ -27,9 +27,7 @@ VERSION: Final = 9
 """Of the protocol."""
 
 SEEDS: Final = 10
-"""Seeds of every trial: 0, 1, ... Independent episodes needed to separate two shares of
-opened doors (power 0.8): 24 for 0.9 and 0.4, 84 for 0.85 and
-0.6."""
+"""Number of seeds of every trial."""
 
 REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
 """Policies that learn nothing from a demonstration, as a baseline."""

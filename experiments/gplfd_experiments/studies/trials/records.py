@@ -13,10 +13,7 @@ RADIAL: Final = "force_radial_peak"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Level:
-    """One setting of a trial: demonstrations, doors and circumstances.
-
-    Other fields are as in `gplfd_experiments.episodes.task.EpisodeTask`.
-    """
+    """One setting of a trial; other fields are as in `episodes.task.EpisodeTask`."""
 
     doors: tuple[str, ...]
     """Names of doors, or radii [m] as text."""
