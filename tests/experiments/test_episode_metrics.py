@@ -146,18 +146,12 @@ def test_stiffness_margin_latency_and_slip(make_log):
 
 
 def test_late_decisions_are_counted_by_wall_time(make_log):
-    wall = np.full(601, 0.02)
-    wall[:60] = 0.05
     late, in_time = (
-        episode_metrics(make_log(latency_wall_s=one)) for one in (wall, wall / 6)
+        episode_metrics(make_log(latency_wall_s=np.full(601, seconds)))
+        for seconds in (0.02, 0.002)
     )
-    assert late["latency_wall_median_ms"] == pytest.approx(20.0)
-    assert late["latency_wall_p95_ms"] == pytest.approx(50.0)
     assert late_decisions([in_time]) == ""
-    assert late_decisions([late, in_time]).startswith(
-        "decisions took longer than the control period of 10 ms in 1 of 2 episodes "
-        "(median 20.0 ms of wall time)"
-    )
+    assert "in 1 of 2 episodes (median 20.0 ms" in late_decisions([late, in_time])
 
 
 def test_a_door_that_never_moved_has_metrics(make_log):

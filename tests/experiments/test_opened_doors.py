@@ -101,20 +101,6 @@ def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows():
         assert metrics["force_handle_peak"] < 22.2
 
 
-def test_a_handle_that_turns_further_than_those_shown_is_turned_to_its_stop():
-    """0.95 instead of 0.80 rad, as gently; and a closer that asks for 45 N."""
-    further = DOORS["room-834"].replaced(
-        {
-            "lockset": {"handle_travel": 0.95, "bolt_throw": 0.019},
-        }
-    )
-    gentle, heavy = opened("gp", further, DOORS["office-closer-2"], base="mobile")
-    assert gentle.success
-    assert heavy.success
-    assert gentle.opening.handle_angle.max() > 0.8
-    assert episode_metrics(gentle)["force_handle_peak"] < 22.2
-
-
 @pytest.mark.parametrize(
     ("policy", "opens"),
     [("hinge-fit", False), ("oracle", True), ("hinge-fit-told", True)],

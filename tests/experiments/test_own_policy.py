@@ -9,13 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.studies.sources import (
@@ -56,15 +54,6 @@ def chatty(training):
     warnings.warn("the gain is zero")
     print("making an agent")
     return Still()
-
-class Soft:
-    control = "impedance"
-
-    def act(self, observation):
-        return np.repeat([0.0, 200.0, 20.0], [6, 3, 3])
-
-def soft(training):
-    return Soft()
 """
 SHORT = ("--doors", "small", "--seeds", "1", "--no-skill")
 
@@ -110,17 +99,6 @@ def test_run_keeps_which_file_the_policy_came_from(module):
         "file": f"{module}.py",
         "sha256": content_hash(Path(f"{module}.py")),
     }
-
-
-def test_an_agent_that_commands_stiffness_acts_where_that_is_taken(module, capsys):
-    policy = f"{module}:soft"
-    assert gplfd("benchmark", "--policies", policy, *SHORT, "--out", "study") == 0
-    (task,) = Path("study/tasks").glob("*.json")
-    metrics = json.loads(task.read_text())["metrics"]
-    assert metrics["stiffness_min"] == metrics["stiffness_max"] == [200.0] * 3
-    recorded = ("--policy", policy, "--doors", "small", "--max-steps", "3")
-    assert gplfd("demos", "record", *recorded, "--out", "soft-v0") == 0
-    assert open_dataset(Path("soft-v0")).environment == ENVIRONMENT_IDS["impedance"]
 
 
 def test_an_error_in_the_policy_is_reported_with_its_place(module, capsys):
@@ -199,15 +177,3 @@ def test_the_file_travels_to_where_it_is_missing(module, elsewhere):
     assert policy.origin.sha256 == task.policy_source["sha256"]
     with pytest.raises(ValueError, match="there is no module"):
         policy_of(stored, NO_FILES)
-
-
-def test_a_worker_without_a_helper_of_the_file_says_so(module, elsewhere):
-    helper = Path(f"helper_of_{module}.py")
-    helper.write_text("")
-    Path(f"{module}.py").write_text(f"import helper_of_{module}\n{OWN}")
-    task = planned(f"{module}:make")
-    files = files_of([task])
-    elsewhere()
-    sys.modules.pop(helper.stem)
-    with pytest.raises(ValueError, match="a policy is a single file; install"):
-        policy_of(task, files)

@@ -94,16 +94,6 @@ def test_a_run_finds_a_handle_that_was_detected(gplfd, tmp_path):
     assert np.linalg.norm(log.opening.handle_pose[0, :3]) > 0.003
 
 
-def test_agents_are_told_how_well_the_handle_is_known():
-    tasks = [
-        episode_task("small", DOORS["small"], policy="gp", seed=0, randomization=each)
-        for each in ("none", "mild", "detector", {"perception": [0.02, 0.0]})
-    ]
-    plain, mild, *uncertain = (task.training_key for task in tasks)
-    assert plain == mild
-    assert len({plain, *uncertain}) == 3
-
-
 def test_it_closes_a_gripper_that_is_commanded():
     policy = as_agent(POLICIES["oracle"].make(TrainingInput(demonstrations=())))
     agent = ReachingAgent(learn_reach(reaches(SHOWN)), policy)

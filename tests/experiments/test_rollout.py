@@ -161,17 +161,6 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time():
     assert log.decisions.latency_wall_s.min() >= 0.010
 
 
-def test_missing_information_is_named():
-    class Terse(DoorEnv):
-        def _state(self) -> Any:
-            observation, info = super()._state()
-            del info["slip"]
-            return observation, info
-
-    with pytest.raises(ValueError, match=r"info lacks 'slip'; it has .*door_angle"):
-        run(Terse())
-
-
 @functools.cache
 def agents_of(policy: str) -> Callable[[], Any]:
     """Learn once from four demonstrations."""

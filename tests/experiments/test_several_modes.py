@@ -68,13 +68,6 @@ def test_recordings_of_one_motion_are_one_mode(gplfd):
         assert partition(align(given)) == (tuple(range(len(files))),)
 
 
-def test_a_task_may_demonstrate_several_kinds():
-    task = two_kinds(DoorConfig(swing="push"), "pull", "push")
-    demonstrations = demonstrations_of(task).demonstrations
-    ends = [demonstration.poses[-1] for demonstration in demonstrations]
-    assert [np.sign(end[0]) for end in ends] == [1, 1, 1, -1, -1, -1]
-
-
 @pytest.mark.parametrize(
     ("door", "first", "limit"),
     [

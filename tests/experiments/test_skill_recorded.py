@@ -1,9 +1,7 @@
 """`gplfd skill`: recordings left out in turn, and what is said of them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,11 +21,9 @@ from gplfd_experiments.studies.learning_tests.via_points import (
     path_distance,
     watch,
 )
-from gplfd_experiments.studies.tasks import recorded_tasks, task_from
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
-    hash_of,
     load_demonstrations,
     save_demonstrations,
 )
@@ -162,18 +158,6 @@ def test_outputs_that_never_move_are_not_scored():
     for share in (10, 25, 50):
         assert -6.0 < found[f"forecast_{share}_nlpd"] < 0.0
         assert found[f"forecast_{share}_coverage_95"] < 1.0
-
-
-def test_a_task_is_named_by_what_it_learns_from():
-    shown = arcs()
-    tasks = recorded_tasks(("gp", "promp"), shown)
-    first = [(one.seed, one.policy) for one in tasks[:3]]
-    assert first == [(0, "gp"), (0, "promp"), (1, "gp")]
-    assert len({one.key for one in tasks}) == len(tasks) == 8
-    assert all(task_from(json.loads(json.dumps(t.definition))) == t for t in tasks)
-    (other, *_) = recorded_tasks(("gp",), [*shown[:3], arcs((0.6,))[0]])
-    assert other.key != tasks[0].key
-    assert tasks[0].recordings == hash_of(shown)
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import (
-    TOGETHER,
     SkillTask,
     jobs_of,
 )
@@ -142,17 +141,6 @@ def test_a_job_acts_together_whatever_it_learned_from():
     alone = [episode(start="approach", seed=1), episode(practice={"corrections": 2})]
     found = jobs_of([one[0], *apart, *others, one[1], *alone, one[0], *one[2:]])
     assert found == ((*one, *others), *((task,) for task in [*apart, *alone]))
-
-
-def test_a_job_has_a_limited_number_of_tasks_and_whole_trainings():
-    study = [episode(door=door, seed=seed) for seed in range(30) for door in DOORS]
-    found = jobs_of(study)
-    assert [task for job in found for task in job] == study
-    largest = TOGETHER // len(DOORS) * len(DOORS)
-    assert {len(job) for job in found[:-1]} == {largest}
-    # What is learned from one set of demonstrations is learned once.
-    many = [episode(trial="mine", level=str(number)) for number in range(30)]
-    assert jobs_of(many) == (tuple(many),)
 
 
 def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):

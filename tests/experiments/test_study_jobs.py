@@ -112,18 +112,6 @@ def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
     assert len({door.hinge_friction for door in varied}) == 3
 
 
-def test_a_task_says_what_is_demonstrated():
-    habits = {"longest_rest": 2.0, "pauses": 1}
-    small = {"demonstrated_radii": [0.4], "demonstrations_per_door": 1}
-    (shown,), (tidy,) = (
-        build.demonstrations_of(task("gp", **small, habits=kind)).demonstrations
-        for kind in (habits, None)
-    )
-    reach = np.linalg.norm(shown.poses[-1, :3])
-    assert reach == pytest.approx(2 * 0.4 * np.sin(np.radians(67) / 2), abs=0.03)
-    assert shown.times[-1] > tidy.times[-1]
-
-
 def test_demonstrated_doors_have_their_own_hardware():
     """The hand presses a handle harder whose door has a closer; the motion is equal."""
     forces = {"demonstrated_forces": True, "demonstrations_per_door": 1}
@@ -189,18 +177,6 @@ def test_an_error_is_the_policy_s_or_the_machine_s(error, machine, monkeypatch, 
         assert result.get("lost", False) == machine
         assert result["format_version"] == 1
     assert (learn.call_count, opened) == (1, [])
-
-
-def test_a_policy_that_is_not_there_or_learns_nothing_is_an_error():
-    absent = task("nowhere:make")
-    oracle = SkillTask(policy="oracle", seed=0, held_out="radius")
-    for one, message, machine in (
-        (absent, "nowhere", True),
-        (oracle, "policy 'oracle' learns no movement", False),
-    ):
-        (result,) = run_job((one,))
-        assert message in result["error"]
-        assert result.get("lost", False) == machine
 
 
 def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gplfd_env.doors.config import door_config
-from gplfd_experiments.data.teacher import TeacherConfig, standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.settings import (
     PRESETS,
@@ -17,7 +16,7 @@ from gplfd_experiments.studies.settings import (
     settings_named,
     write_settings,
 )
-from gplfd_experiments.studies.tasks import SkillTask, checked, noisy_teacher, tasks
+from gplfd_experiments.studies.tasks import SkillTask, checked, tasks
 from gplfd_policies.registry.built_in import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
@@ -112,22 +111,3 @@ def test_everything_is_crossed_with_everything():
     assert len(tested) == len({task.key for task in tested}) == 2 * 2 * 2 * 2
     assert [task.seed for task in study] == sorted(task.seed for task in study)
     assert planned(dataclasses.replace(settings, skill=False))[2] == []
-
-
-def test_noise_makes_demonstrations_of_one_door_differ():
-    standard, noisy = standard_teacher(), noisy_teacher(2.0)
-    disturbances = (
-        *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
-        *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
-    )
-    assert noisy == standard | {name: 2.0 * standard[name] for name in disturbances}
-    assert noisy_teacher(1.0) == standard
-    TeacherConfig(**noisy_teacher(0.0))
-    TeacherConfig(**noisy_teacher(20.0))
-
-
-def test_learning_tests_are_of_furniture_doors():
-    for doors, some in (("room-584",), False), (("room-584", "small"), True):
-        _, opened, tested = planned(StudySettings(doors=doors, seeds=1))
-        assert opened
-        assert bool(tested) == some

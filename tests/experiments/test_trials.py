@@ -32,7 +32,6 @@ from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import (
-    CONSTANT,
     EVERYWHERE,
     PARTS,
     SEEDS,
@@ -136,13 +135,8 @@ def test_own_policies_take_part_and_unknown_names_are_refused():
     tasks = trial_tasks(trials, policies=("gp-homoscedastic", "gp"), part="small")
     counts = Counter(task.policy for task in tasks)
     assert counts["gp-homoscedastic"] == counts["gp"] == 6
-    for call, message in (
-        (lambda: named_trials(("stopp",)), r"unknown trial 'stopp' \(did you mean 'st"),
-        (lambda: named_trials(("stop", "stop")), "trial stop is given twice"),
-        (lambda: trial_tasks(trials, policies=("nobody",)), "unknown policy 'nobody'"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            call()
+    with pytest.raises(ValueError, match=r"unknown trial 'stopp' \(did you mean 'stop"):
+        named_trials(("stopp",))
 
 
 def outcomes(
@@ -224,28 +218,6 @@ def test_an_error_of_the_policy_is_a_failure_in_every_share(
     entry = trial_answers(found)["trials"]["stop"]["stop"]["gp"]
     assert (entry["episodes"], entry["errors"], entry["lost"]) == (16, 8, 1)
     assert entry["success"]["estimate"] == pytest.approx(7 / 15, abs=1e-5)
-
-
-def test_the_report_keeps_every_number_in_a_small_file(write_study, episode_result):
-    """A seed's mean over its doors, and None where nothing is known."""
-    results, speeds = [], np.arange(1.0, 9.0)
-    for policy, slowest in (("gp", 0.1), (CONSTANT[0], 1.0)):
-        for radius, factor in ((0.4, slowest), (0.5, 3.0 * slowest)):
-            values = (policy, factor * speeds, "release_speed")
-            results += outcomes(episode_result, *values, radius=radius)
-    for result in results:
-        result["metrics"]["success"] = result["task"]["policy"] == "gp"
-        result["metrics"]["stop_force_sustained"] = None
-    kept = trial_answers(read_results(write_study(results)))
-    own = kept["trials"]["stop"]["stop"]["gp"]
-    assert (own["episodes"], own["errors"]) == (16, 0)
-    assert own["release_speed"]["seeds"] == [0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6]
-    assert own["release_speed"]["estimate"] == pytest.approx(0.9)
-    nothing = {"estimate": None, "low": None, "high": None, "seeds": []}
-    assert own["stop_force_sustained"] == nothing
-    first, *_ = kept["contrasts"]
-    assert (first["idea"], first["with"]) == ("variable stiffness", "gp")
-    assert (first["estimate"], first["verdict"]) == (1.0, "shows")
 
 
 def test_the_command_runs_a_part_and_goes_on(

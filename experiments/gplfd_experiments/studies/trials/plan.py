@@ -71,7 +71,6 @@ def trial_tasks(
             if level.corrections and not all(one.correctable for one in competitors):
                 continue
             opened = doors[name, title]
-            # The demonstrated doors have their defaults without fields of the level.
             fields: dict[str, Any] = {}
             if level.demonstrated_radii is not None:
                 fields["demonstrated_radii"] = level.demonstrated_radii
