@@ -86,7 +86,7 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
         ]
         demonstrations = demonstrations_of(doors[0]).demonstrations
         for fold in folds(by_door(demonstrations, PER_DOOR), "demonstration", seed):
-            movement, _ = learn(candidate.method, fold.given, seed)
+            movement, _ = learn(candidate.method, fold.training, seed)
             for demonstration in fold.left_out:
                 left_out = aligned_to(demonstration, movement.aligned)
                 nlpd = prediction_scores(movement, left_out)["nlpd"]

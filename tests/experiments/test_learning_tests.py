@@ -126,8 +126,8 @@ def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = None) -> Method:
 def test_learning_does_not_see_what_is_left_out(held_out):
     for number, fold in enumerate(folds(doors(), held_out, seed=0)):
         left_out = {id(one) for one in fold.left_out}
-        assert len(fold.given) + len(left_out) == 6
-        assert not left_out & {id(one) for one in fold.given}
+        assert len(fold.training) + len(left_out) == 6
+        assert not left_out & {id(one) for one in fold.training}
         changed = [
             tuple(
                 other if id(own) in left_out else own
@@ -137,7 +137,7 @@ def test_learning_does_not_see_what_is_left_out(held_out):
         ]
         again = folds(changed, held_out, seed=0)[number]
         assert not {id(one) for one in again.left_out} & left_out
-        before, after = (align(each.given) for each in (fold, again))
+        before, after = (align(each.training) for each in (fold, again))
         aligned_to(again.left_out[0], before)
         np.testing.assert_array_equal(before.poses, after.poses)
 

@@ -94,14 +94,14 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 
 
 def learned_agents(
-    task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
+    task: EpisodeTask, policy: Policy, labelled: LabelledDemonstrations | None = None
 ) -> Callable[[], Agent]:
     """Let the policy learn for all tasks with the same `EpisodeTask.training_key`.
 
     It learns from the task's own demonstrations unless others are given. The agents
     first reach for the handle if the episode starts in front of it.
     """
-    shown = demonstrations_of(task) if given is None else given
+    labelled = labelled or demonstrations_of(task)
     prior_mean = None
     if task.prior_radius is not None:
         # The whole arc on the phase of demonstrations that end earlier.
@@ -110,9 +110,9 @@ def learned_agents(
             phases=angles / task.teacher["angle_mean"],
             poses=handle_pose_on_arc(task.prior_radius, angles),
         )
-    reach = learn_reach(reaches(shown)) if task.start == "approach" else None
+    reach = learn_reach(reaches(labelled)) if task.start == "approach" else None
     training = TrainingInput(
-        demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
+        demonstrations=openings(labelled), seed=task.seed, prior_mean=prior_mean
     )
     if task.practice is None:
         make = learned(policy, training)
@@ -132,8 +132,8 @@ def _practised(
 
     def open_door(name: str, door: DoorConfig, agent: Agent) -> EpisodeLog:
         draws = {"randomization": practice.randomization, "disturbance": "none"}
-        given: dict[str, Any] = {"door": name, "door_config": door.as_dict(), **draws}
-        return open_watched(dataclasses.replace(task, **given), agent)
+        other: dict[str, Any] = {"door": name, "door_config": door.as_dict(), **draws}
+        return open_watched(dataclasses.replace(task, **other), agent)
 
     movement = practised(method, training, practice, open_door)
     return lambda: method.follow(movement)
@@ -179,8 +179,8 @@ def open_together(
 
     There is an agent and a log per task; forecasts have the given period [s].
     """
-    every = [_circumstances(task) for task in tasks]
-    varied: dict[str, Any] = {name: [own[name] for own in every] for name in every[0]}
+    rows = [_circumstances(task) for task in tasks]
+    varied: dict[str, Any] = {name: [row[name] for row in rows] for name in rows[0]}
     together, first = batch_agents(agents), tasks[0]
     envs: Any = gym.make_vec(
         ENVIRONMENT_IDS[together.control],

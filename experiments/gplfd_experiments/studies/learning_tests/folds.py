@@ -45,7 +45,7 @@ _CLOCK_SHARE, _ROTATION_WEIGHT = 1e-6, 0.5
 class Fold:
     """Demonstrations for learning, and left-out demonstrations to predict."""
 
-    given: tuple[Demonstration, ...]
+    training: tuple[Demonstration, ...]
     left_out: tuple[Demonstration, ...]
 
 
@@ -86,7 +86,7 @@ def folds(
     }
     return tuple(
         Fold(
-            given=tuple(d for place, d in every.items() if place not in out),
+            training=tuple(d for place, d in every.items() if place not in out),
             left_out=tuple(d for place, d in every.items() if place in out),
         )
         for out in places

@@ -97,7 +97,7 @@ def method_metrics(
     every = folds(by_door(recorded, demonstrations_per_door), held_out, seed)
     scores: list[Mapping[str, float | None]] = []
     for fold in every:
-        movement, cpu_s = learn(method, fold.given, seed)
+        movement, cpu_s = learn(method, fold.training, seed)
         left_out = [
             aligned_to(demonstration, movement.aligned)
             for demonstration in fold.left_out

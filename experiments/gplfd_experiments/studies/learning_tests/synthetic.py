@@ -41,7 +41,7 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     mean of x, z and θu_y. A method that keeps the last spread has 1.
     """
     starts = []
-    for whole in fold.given:
+    for whole in fold.training:
         size = int(np.searchsorted(task_completion_index(whole), 0.7)) + 1
         start = Demonstration(times=whole.times[:size], poses=whole.poses[:size])
         starts.append(start)

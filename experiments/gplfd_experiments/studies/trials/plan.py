@@ -62,13 +62,13 @@ def trial_tasks(
         competing = (*everywhere, *variants, *(tuned if trial.tuned else ()), *policies)
         every = dict.fromkeys(only or competing)
         for policy, (title, level) in itertools.product(every, trial.levels.items()):
-            competitors = [chosen(competitor) for competitor in only or (policy,)]
-            methods = [competitor.method for competitor in competitors]
+            rivals = [chosen(rival) for rival in only or (policy,)]
+            methods = [rival.method for rival in rivals]
             if level.prior_radius is not None and not all(
                 method and method.accepts_prior_mean for method in methods
             ):
                 continue
-            if level.corrections and not all(one.correctable for one in competitors):
+            if level.corrections and not all(rival.correctable for rival in rivals):
                 continue
             opened = doors[name, title]
             fields: dict[str, Any] = {}

@@ -123,8 +123,8 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
         trial = dict(entries)
         shared = trial.pop("every", {})
         levels: dict[str, Level] = {}
-        for title, own in trial.pop("levels").items():
-            fields = shared | own
+        for title, entry in trial.pop("levels").items():
+            fields = shared | entry
             if fields.pop("like_opened", False):
                 fields["demonstrated_radii"] = None
             if "shape" in fields:
@@ -137,7 +137,7 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
                 question=trial["question"],
                 measures=tuple(trial.get("measures", _OPENED)),
                 levels=levels,
-                contrasts=tuple(c for entry in compared for c in _contrasts(**entry)),
+                contrasts=tuple(c for row in compared for c in _contrasts(**row)),
                 extra_policies=tuple(trial.get("extra_policies", ())),
                 only_policies=tuple(
                     protocol["policies"].get(trial.get("only_policies"), ())
