@@ -63,7 +63,6 @@ def episode_metrics(
         peak = _largest(np.abs(acceleration))
         if acceleration.any():
             smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
-    speed, recovered = recovery(log)
     names = ("policy", "door", "radius", "seed", "success", "failure", "reason")
     return {
         **{name: getattr(log, name) for name in names},
@@ -118,6 +117,19 @@ def episode_metrics(
         "door_acceleration_peak": peak,
         "door_smoothness": smoothness,
         "time_to_move": _first(log, np.abs(angle - angle[0]) >= _MOVED),
+        **_disturbed(log),
+        # CPU and wall time of a decision.
+        "latency_median_ms": 1e3 * float(np.median(agent.latency_s)),
+        "latency_p95_ms": 1e3 * _p95(agent.latency_s),
+        "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
+        "latency_wall_p95_ms": _finite(1e3 * _p95(agent.latency_wall_s)),
+    }
+
+
+def _disturbed(log: EpisodeLog) -> dict[str, Any]:
+    """Return the measures of a person, a stop and a push."""
+    forces, (speed, recovered) = log.forces, recovery(log)
+    return {
         # On a person, and of the door on what stops it [N]: largest, and sustained for
         # half a second. ISO/TS 15066 allows 280 N and 140 N at hands and fingers.
         "person_force_peak": _largest(forces.person_force),
@@ -128,11 +140,6 @@ def episode_metrics(
         "push_displacement_mm": push_displacement_mm(log),
         "release_speed": speed,
         "recovery_time": recovered,
-        # CPU and wall time of a decision.
-        "latency_median_ms": 1e3 * float(np.median(agent.latency_s)),
-        "latency_p95_ms": 1e3 * _p95(agent.latency_s),
-        "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
-        "latency_wall_p95_ms": _finite(1e3 * _p95(agent.latency_wall_s)),
     }
 
 

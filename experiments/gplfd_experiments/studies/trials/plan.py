@@ -56,7 +56,7 @@ def trial_tasks(
     numbers = range(plan.seeds if seeds is None else seeds)
     for seed, (name, trial) in itertools.product(numbers, trials.items()):
         variants = plan.variants.get(name, trial.own)
-        everywhere = plan.everywhere
+        everywhere: Sequence[str] = plan.everywhere
         if part == "whole" and trial.only_policies:
             everywhere = trial.only_policies
         competing = (*everywhere, *variants, *(tuned if trial.tuned else ()), *policies)

@@ -76,9 +76,6 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
 small part is a first look at the strongest contrasts of docs/results/trials-v9.json,
 with the smallest number of seeds that gives an interval; it decides nothing."""
 
-_OPENED: Final = ("success", "force_handle_peak")
-"""Measures of an opening, of trials that state none."""
-
 CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
 """`gp` at constant stiffnesses."""
 
@@ -131,18 +128,14 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
                 fields["door"] = protocol["shapes"][fields.pop("shape")]
             levels[title] = Level(**fields)
         compared = trial.pop("contrasts", [])
+        group = trial.pop("only_policies", "")
         yield (
             name,
             Trial(
-                question=trial["question"],
-                measures=tuple(trial.get("measures", _OPENED)),
                 levels=levels,
                 contrasts=tuple(c for row in compared for c in _contrasts(**row)),
-                extra_policies=tuple(trial.get("extra_policies", ())),
-                only_policies=tuple(
-                    protocol["policies"].get(trial.get("only_policies"), ())
-                ),
-                tuned=trial.get("tuned", False),
+                only_policies=protocol["policies"].get(group, ()),
+                **trial,
             ),
         )
 

@@ -1,6 +1,6 @@
 """Records of a trial."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -67,15 +67,15 @@ class Trial:
     """A question that episodes answer."""
 
     question: str
-    measures: tuple[str, ...]
-    """Metrics of episodes that answer it, the deciding one first."""
     levels: Mapping[str, Level]
     """Settings by name, in the order in which they are shown."""
+    measures: Sequence[str] = ("success", "force_handle_peak")
+    """Metrics of episodes that answer it, the deciding one first."""
     contrasts: tuple[Contrast, ...] = ()
     """Contrasts that this trial decides."""
-    extra_policies: tuple[str, ...] = ()
+    extra_policies: Sequence[str] = ()
     """Policies that take part besides those of every trial and of the contrasts."""
-    only_policies: tuple[str, ...] = ()
+    only_policies: Sequence[str] = ()
     """In the whole protocol, these replace the policies of every trial."""
     tuned: bool = False
     """Whether tuned methods also take part, because learning decides the trial."""
@@ -83,7 +83,5 @@ class Trial:
     @property
     def own(self) -> tuple[str, ...]:
         """Policies of this trial, besides those of every trial."""
-        return (
-            *(contrast.lacking.policy for contrast in self.contrasts),
-            *self.extra_policies,
-        )
+        lacking = (contrast.lacking.policy for contrast in self.contrasts)
+        return (*lacking, *self.extra_policies)
