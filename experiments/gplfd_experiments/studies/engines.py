@@ -181,7 +181,8 @@ def _cluster_backend(client: Any) -> Any:
             """Return the result of a future, or raise its error."""
             return super().retrieve_result_callback(out.result())
 
-    return ClusterBackend(client=client)
+    # A worker that died may take long to come back on a busy machine.
+    return ClusterBackend(client=client, wait_for_workers_timeout=60)
 
 
 def _begin_worker() -> None:
