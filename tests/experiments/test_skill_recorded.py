@@ -195,7 +195,7 @@ def test_the_command_reports_and_goes_on(folder, capsys):
 def test_recordings_that_no_method_can_learn_from_are_reported(
     folder, capsys, monkeypatch
 ):
-    def refused(*arguments: Any) -> Any:
+    def refused(*arguments: object) -> None:
         raise ValueError("nothing to learn here")
 
     Path("out").mkdir()

@@ -66,13 +66,6 @@ def test_a_wrong_file_is_refused(tmp_path, text, message):
         read_settings(path)
 
 
-def test_a_study_that_does_not_exist_or_is_empty_is_refused():
-    with pytest.raises(ValueError, match=r"no such study \(did you mean 'small'\?\)"):
-        settings_named("smal")
-    with pytest.raises(ValueError, match="--policies needs at least one value"):
-        checked(StudySettings(policies=()))
-
-
 def planned(settings):
     """All tasks of a study, its episodes, and its learning tests."""
     study = tasks(checked(settings))

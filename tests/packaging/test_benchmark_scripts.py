@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from gplfd_env import ENVIRONMENT_ID
