@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.prodmp import (
@@ -48,21 +48,6 @@ def test_basis_functions_solve_the_published_equation(config):
     assert_allclose(basis(clock), (values / scale).T, atol=1e-6)
     slopes /= scale
     assert_allclose(basis(clock, 1), slopes.T, atol=1e-6 * np.abs(slopes).max())
-
-
-def test_every_movement_starts_in_the_boundary_state(prodmp, aligned):
-    """The mean start and velocity, exactly and after any via-point."""
-    for rows in prodmp.basis(aligned.times[:1]):
-        dense = np.kron(np.eye(6), rows)
-        assert_array_equal(dense @ prodmp.weight_covariance @ dense.T, 0.0)
-    poses = aligned.poses.mean(axis=0)
-    rate = (poses[1] - poses[0]) / (aligned.times[1] - aligned.times[0])
-    adapted = prodmp.adapt([ViaPoint(phase=0.1, pose=aligned.poses[0, 60])])
-    for movement in (prodmp, adapted):
-        begun = movement.predict(GRID)
-        assert_allclose(begun.mean[0], poses[0], atol=1e-12)
-        assert_allclose(begun.mean_rate[0], rate, rtol=1e-9, atol=1e-12)
-        assert_allclose(begun.std[0], np.sqrt(prodmp.noise_variance))
 
 
 @pytest.mark.parametrize("along", [0.0, 0.02])

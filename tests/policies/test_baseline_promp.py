@@ -136,13 +136,3 @@ def test_few_demonstrations_span_few_movements(aligned):
     before = published.predict(GRID)
     after = fit_promp(aligned).adapt([insisted]).predict(GRID)
     assert np.max(np.abs(after.mean - before.mean) / before.std) > 2.5
-
-
-def test_outside_the_task_the_distribution_stands_still(promp):
-    far = promp.predict(np.array([-40.0, 40.0]))
-    weights = promp.weight_mean.reshape(6, -1)
-    assert_allclose(far.mean, weights[:, [0, -1]].T, rtol=1e-12)
-    variance = np.diag(promp.weight_covariance).reshape(6, -1)[:, [0, -1]].T
-    assert_allclose(far.std**2, variance + promp.noise_variance)
-    assert_allclose(far.mean_rate, 0.0)
-    assert_allclose(far.std_rate, 0.0)

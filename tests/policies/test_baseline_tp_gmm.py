@@ -92,16 +92,6 @@ def test_two_equal_frames_halve_the_variance(mixture):
     assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
 
 
-@pytest.mark.parametrize("radius", [0.3, 0.35, 0.5, 0.65])
-def test_from_the_hinge_all_doors_are_one(radius):
-    angles = np.linspace(0.0, 1.1, 20)
-    seen = hinge_frame(np.array([0.0, -radius])).seen(
-        handle_pose_on_arc(radius, angles)
-    )
-    assert_allclose(seen[:, 0], np.sin(angles), atol=1e-12)
-    assert_allclose(seen[:, 2], np.cos(angles), atol=1e-12)
-
-
 def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
     fitted = [fit_kasa_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
     radii = -np.array(fitted)[:, 1]

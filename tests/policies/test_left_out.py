@@ -84,12 +84,6 @@ def test_wobble_is_what_forecasts_left_out_demonstrations_best():
     assert best >= score(0.5 * factor * PROCESS.wobble)
 
 
-def test_two_demonstrations_have_none_to_leave_out():
-    curves = wandering(2, 0)
-    processes = [PROCESS] * 6
-    assert wobbling(processes, TIMES, curves, np.ones((30, 6))) == tuple(processes)
-
-
 def test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior():
     """By weighing 150,000 covariances drawn a priori with the likelihood."""
     worth, count = float(MODEL_WORTH), 6

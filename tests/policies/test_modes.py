@@ -9,9 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_policies import POLICIES, AlignedDemonstrations, Demonstration, TrainingInput
+from gplfd_policies import POLICIES, AlignedDemonstrations, TrainingInput
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
-from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.modes import WITHIN, partition
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -58,17 +57,6 @@ def test_partition_has_the_least_criterion_of_all_partitions(seed):
     best = min(partitions(range(6)), key=criterion)
     assert sorted(found) == sorted(best)
     assert [len(m) for m in found] == sorted((len(m) for m in found), reverse=True)
-
-
-@pytest.mark.filterwarnings("ignore:rests")
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
-def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
-    whole = demonstrations[-1]
-    end = int(share * len(whole.times))
-    cut = Demonstration(times=whole.times[:end], poses=whole.poses[:end])
-    assert partition(align([demonstrations[0], cut])) == ((0, 1),)
-    assert partition(align(demonstrations)) == (tuple(range(6)),)
-    assert partition(align([cut])) == ((0,),)
 
 
 @pytest.fixture(scope="module")

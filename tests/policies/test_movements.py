@@ -144,13 +144,6 @@ def test_rates_are_the_derivatives_of_mean_and_spread(name, learned, aligned):
             assert_allclose(getattr(here, f"{curve}_rate"), slope, atol=1e-5, rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", FITS)
-def test_far_outside_the_demonstrations_predictions_are_finite(name, learned):
-    predicted = learned(name).predict(np.array([-3.0, -0.2, 1.2, 4.0]))
-    assert np.isfinite(predicted.mean).all()
-    assert np.isfinite(predicted.std).all() == (name != "dmp")
-
-
 @pytest.mark.bits
 @pytest.mark.parametrize("name", FITS)
 def test_the_same_demonstrations_give_the_same_bits(name, learned, aligned):

@@ -139,22 +139,6 @@ def test_spectral_and_dense_moments_agree(skill):
         )
 
 
-def test_intervals_cover_as_promised():
-    """Fig. 2: the heteroscedastic interval covers everywhere, the other does not."""
-    rng = np.random.default_rng(5)
-    training, fresh = aligned(independent_noise(8, rng)), independent_noise(400, rng)
-
-    def coverage(noise):
-        low, high = fit_skill(training, noise=noise).predict(TIMES).interval(0.95)
-        inside = (fresh > low) & (fresh < high)
-        return inside.mean(axis=(0, 2)).reshape(6, 10).mean(axis=1)
-
-    assert np.all(np.abs(coverage("map") - 0.95) < 0.04)
-    flat = coverage("homoscedastic")
-    assert flat[0] > 0.99
-    assert flat[-1] < 0.85
-
-
 def test_intervals_use_student_t_with_the_looks_at_the_spread(skill):
     level = 0.9
     smooth = fit_skill(aligned(arcs([0.3, 0.4, 0.5, 0.6], np.random.default_rng(0))))

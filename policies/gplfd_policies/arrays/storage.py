@@ -21,14 +21,13 @@ class Members(dict[str, np.ndarray]):
 
 
 def regular_file(path: str | Path, kind: str = "a file") -> Path:
-    """Return a path that can be opened for reading without waiting for a writer."""
+    """Return a path that is a file."""
     path = Path(path)
-    if path.is_file():
-        return path
     if not path.exists():
         raise FileNotFoundError(f"there is no file {path}")
-    what = "a folder" if path.is_dir() else "no regular file"
-    raise ValueError(f"{path} is {what}; give {kind}")
+    if not path.is_file():
+        raise ValueError(f"{path} is a folder; give {kind}")
+    return path
 
 
 @contextlib.contextmanager

@@ -132,9 +132,7 @@ class MultiOutputGP:
             return None
         return basis, [
             output.replicates.condition_in(
-                basis,
-                output.kernel,
-                output.noise.variance(output.replicates.times),
+                basis, output.kernel, output.noise.variance(times)
             )
             for output in self.outputs
         ]
