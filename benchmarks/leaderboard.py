@@ -37,6 +37,8 @@ _UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
 
 Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
+Numbers = Mapping[str, tuple[float, float | None]]
+"""Share of successes and deciding measure of a policy, by trial."""
 
 
 def answers_of(files: Iterable[Path]) -> Answers:
@@ -59,48 +61,54 @@ def answers_of(files: Iterable[Path]) -> Answers:
     return answers
 
 
-def levels_of(name: str) -> tuple[str, ...]:
-    """Return a trial's levels but those that give a prior mean, which not all take."""
-    levels = TRIALS[name].levels.items()
-    return tuple(level for level, setting in levels if setting.prior_radius is None)
+def levels_of(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return trials and levels but those with a prior mean, which not all take."""
+    return [
+        (name, level)
+        for name in names
+        for level, setting in TRIALS[name].levels.items()
+        if setting.prior_radius is None
+    ]
 
 
-def entrants(answers: Answers, names: Sequence[str]) -> list[str]:
+def standings(answers: Answers, names: Sequence[str]) -> dict[str, Numbers]:
     """Return the policies that took part in all trials, the most successful first.
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
     """
+    levels = levels_of(names)
     complete = [
-        {
-            policy
-            for policy, numbers in answers.get(name, {}).get(level, {}).items()
-            if not numbers["lost"]
-        }
-        for name in names
-        for level in levels_of(name)
+        {policy for policy, own in present.items() if not own["lost"]}
+        for name, level in levels
+        for present in [answers.get(name, {}).get(level, {})]
     ]
-    everywhere = sorted(set.intersection(*complete))
-    return sorted(everywhere, key=lambda policy: -succeeded(answers, names, policy))
+
+    def mean(policy: str, name: str, measure: str) -> float | None:
+        """Return the mean of a measure over the levels of a trial that have it."""
+        values = [
+            answers[name][level][policy][measure]["estimate"]
+            for trial, level in levels
+            if trial == name
+        ]
+        measured = [value for value in values if value is not None]
+        return fmean(measured) if measured else None
+
+    numbers: dict[str, Numbers] = {
+        policy: {
+            name: (
+                mean(policy, name, success_measure(TRIALS[name])) or 0.0,
+                mean(policy, name, deciding_measure(TRIALS[name])),
+            )
+            for name in names
+        }
+        for policy in sorted(set.intersection(*complete))
+    }
+    return dict(sorted(numbers.items(), key=lambda item: -succeeded(item[1])))
 
 
-def mean(answers: Answers, name: str, policy: str, measure: str) -> float | None:
-    """Return the mean of a measure over the levels of a trial that have it."""
-    levels = [answers[name][level][policy][measure] for level in levels_of(name)]
-    values = [numbers["estimate"] for numbers in levels]
-    measured = [value for value in values if value is not None]
-    return fmean(measured) if measured else None
-
-
-def share(answers: Answers, name: str, policy: str) -> float:
-    """Return the share of successes of a policy in a trial."""
-    value = mean(answers, name, policy, success_measure(TRIALS[name]))
-    assert value is not None
-    return value
-
-
-def succeeded(answers: Answers, names: Sequence[str], policy: str) -> float:
-    """Return the mean share of successes of a policy in several trials."""
-    return fmean(share(answers, name, policy) for name in names)
+def succeeded(numbers: Numbers) -> float:
+    """Return the mean share of successes of a policy over trials."""
+    return fmean(share for share, _ in numbers.values())
 
 
 def titled(policy: str) -> str:
@@ -110,76 +118,67 @@ def titled(policy: str) -> str:
 
 def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
-    policies = entrants(answers, names)
-    cells = {
-        policy: [f"{succeeded(answers, names, policy):.2f}"] for policy in policies
-    }
+    places = standings(answers, names)
+    cells = {policy: [f"{succeeded(own):.2f}"] for policy, own in places.items()}
     for name in names:
         measure = EPISODE_MEASURES[deciding_measure(TRIALS[name])]
-        values = {
-            policy: mean(answers, name, policy, measure.metric) for policy in policies
-        }
-        learned = [
+        values = {policy: own[name][1] for policy, own in places.items()}
+        best = (min if measure.better == "less" else max)(
             value
             for policy, value in values.items()
             if value is not None and policy not in _UNTAUGHT
-        ]
-        best = (min if measure.better == "less" else max)(learned)
+        )
         for policy, value in values.items():
             finer = -1 if measure.unit == "°" else 0
             text = measure.text(value, unit=True, finer=finer)
             if value == best and policy not in _UNTAUGHT:
                 text = f"**{text}**"
-            cells[policy].append(f"{share(answers, name, policy):.2f}\n{text}")
-    rows = tuple((titled(policy), *cells[policy]) for policy in policies)
+            cells[policy].append(f"{places[policy][name][0]:.2f}\n{text}")
+    rows = tuple((titled(policy), *cells[policy]) for policy in places)
     return Table(columns=("policy", "all", *names), rows=rows)
 
 
 def overview(answers: Answers) -> Table:
     """Return the share of successes of every policy in several tiers, by tier."""
+    tiers = [standings(answers, names) for names in TIERS.values()]
     shares = {
-        tier: {
-            policy: succeeded(answers, names, policy)
-            for policy in entrants(answers, names)
-        }
-        for tier, names in TIERS.items()
-    }
-    by_policy: dict[str, list[float | None]] = {
-        policy: [tier.get(policy) for tier in shares.values()]
-        for policy in sorted({policy for tier in shares.values() for policy in tier})
+        policy: [succeeded(tier[policy]) if policy in tier else None for tier in tiers]
+        for policy in sorted({policy for tier in tiers for policy in tier})
     }
 
     def order(policy: str) -> tuple[int, float]:
-        present = [value for value in by_policy[policy] if value is not None]
+        present = [value for value in shares[policy] if value is not None]
         return -len(present), -fmean(present)
 
     rows = tuple(
-        (titled(policy), *("–" if v is None else f"{v:.2f}" for v in by_policy[policy]))
-        for policy in sorted(by_policy, key=order)
-        if len(shares) - by_policy[policy].count(None) >= 2
+        (titled(policy), *("–" if v is None else f"{v:.2f}" for v in shares[policy]))
+        for policy in sorted(shares, key=order)
+        if len(tiers) - shares[policy].count(None) >= 2
     )
-    return Table(columns=("policy", *shares), rows=rows)
+    return Table(columns=("policy", *TIERS), rows=rows)
 
 
 def separated(answers: Answers, names: Sequence[str]) -> str:
     """Say which policies' shares of successes differ from those of gp, seed by seed."""
-
-    def by_seed(policy: str) -> list[float]:
-        cells = [
-            answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
-            for name in names
-            for level in levels_of(name)
+    seeds = {
+        policy: [
+            fmean(values)
+            for values in zip(
+                *(
+                    answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
+                    for name, level in levels_of(names)
+                ),
+                strict=True,
+            )
         ]
-        return [fmean(values) for values in zip(*cells, strict=True)]
-
-    others = [policy for policy in entrants(answers, names) if policy != "gp"]
-    gp = by_seed("gp")
-    corrected = holm([signed_rank(gp, by_seed(policy)) for policy in others])
+        for policy in standings(answers, names)
+    }
+    gp = seeds.pop("gp")
+    corrected = holm([signed_rank(gp, other) for other in seeds.values()])
     groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}
-    for policy, p_value in zip(others, corrected, strict=True):
-        better = fmean(by_seed(policy)) > fmean(gp)
-        group = ("more" if better else "less") if p_value <= 0.05 else "not separated"
-        groups[group].append(f"`{policy}`")
+    for (policy, other), p_value in zip(seeds.items(), corrected, strict=True):
+        better = "more" if fmean(other) > fmean(gp) else "less"
+        groups[better if p_value <= 0.05 else "not separated"].append(f"`{policy}`")
     text = "; ".join(f"{name}: {', '.join(who)}" for name, who in groups.items() if who)
     return f"Compared with `gp` (signed ranks of {len(gp)} seeds, Holm, 5 %), {text}."
 

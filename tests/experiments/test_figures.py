@@ -232,15 +232,14 @@ def test_fig06_draws_recordings_and_policy_at_the_scales_that_it_says(doors, dra
             np.testing.assert_array_equal(line.get_ydata(), one.poses[:, output])
             assert low < one.poses[:, output].min()
             assert one.poses[:, output].max() < high
-    spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
-    written = [
-        int(column[0].texts[0].get_text().split()[0]) if column[0].texts else 1
-        for column in axes.T
+    factors = [
+        column[0].texts[0].get_text() if column[0].texts else "" for column in axes.T
     ]
-    assert written[0] == written[2] == written[4] == 1
-    assert written[1] > 1
+    spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
+    enlarged = [int((factor or "1").split()[0]) for factor in factors]
+    assert enlarged[0] == enlarged[2] == enlarged[4] == 1 < enlarged[1]
     for kind in (slice(0, 3), slice(3, 6)):
-        scaled = np.multiply(spans[kind], written[kind])
+        scaled = np.multiply(spans[kind], enlarged[kind])
         np.testing.assert_allclose(scaled, scaled[0])
 
 
@@ -255,14 +254,6 @@ def test_fig07_radius_holds_95_percent():
     for points, known in ((normal, None), (scaled, free)):
         inside = (points**2).sum(axis=1) <= learned.squared_radius(known)
         assert inside.mean() == pytest.approx(0.95, abs=0.002)
-
-
-def test_fig07_draws_the_arcs_of_the_doors(drawn):
-    axes = drawn("fig07")[0].axes[0]
-    arcs = [line for line in axes.lines if line.get_label().startswith("arc")]
-    for line, radius in zip(arcs, (0.35, 0.50, 0.65), strict=True):
-        lengths = np.linalg.norm(line.get_xydata() - [0.0, -radius], axis=1)
-        np.testing.assert_allclose(lengths, radius)
 
 
 def test_fig09_adaptive_predicts_better_than_fixed(opened):

@@ -219,6 +219,23 @@ def test_both_writers_keep_marks_and_cells_apart():
     assert '<table class="text">' in page
 
 
+def test_what_differs_in_results_is_said(page_of, episode_result):
+    results = [episode_result("gp", seed) for seed in range(8)]
+    for result in results:
+        result["metrics"][WALL_TIME] = 50.0
+    results[0]["git"]["dirty"] = True
+    results[0]["arithmetic"] = {"machine": "z80"}
+    results[0]["task"]["policy_source"] = {"file": "a.py"}
+    page = page_of(results)
+    for expected in (
+        "1 results: commit 0123456789ab with edits",
+        "2 kinds of machine: they are equal only up ",
+        "longer than the control period of 10 ms in 8 of",
+        "`gp` come from more than one",
+    ):
+        assert expected in page
+
+
 def test_the_first_condition_is_named_and_disturbances_have_columns(
     page_of, episode_result
 ):
@@ -259,24 +276,6 @@ def test_every_number_comes_from_the_results_and_is_explained(page_of, policies)
     assert [rows[policy]["stalled"] for policy in ("kmp", "gp")] == ["8", "0"]
     meanings = page.partition("| column | meaning |")[2]
     assert all(f"| {head} | " in meanings for head in [*rows["gp"]][1:])
-
-
-@pytest.mark.parametrize(
-    ("part", "name", "value", "expected"),
-    [
-        ("git", "dirty", True, "1 results: commit 0123456789ab with edits"),
-        ("arithmetic", "machine", "z80", "2 kinds of machine: they are equal only up "),
-        ("metrics", WALL_TIME, 50.0, "longer than the control period of 10 ms in 8 of"),
-        ("task", "policy_source", {"file": "a.py"}, "`gp` come from more than one"),
-    ],
-)
-def test_what_differs_in_results_is_said(
-    page_of, episode_result, part, name, value, expected
-):
-    results = [episode_result("gp", seed) for seed in range(8)]
-    for one in results if part == "metrics" else results[:1]:
-        one[part] = {**one.get(part, {}), name: value}
-    assert expected in page_of(results)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from gplfd_experiments.analysis.results.measures import (
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
-    Pairs,
     Rate,
     Shift,
     mean_shift,
@@ -95,42 +94,34 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 
 def answered(contrast: Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
-    pairs = contrast_pairs(contrast, levels)
-    share = MEASURES[contrast.measure].share
-    estimate = mean_shift if share else shift
-    both = list(zip(pairs.first, pairs.second, strict=True))
-    changes = {
-        "gained": sum(having > lacking for having, lacking in both),
-        "forgotten": sum(having < lacking for having, lacking in both),
-        "opened before": sum(lacking > 0.0 for _, lacking in both),
-    }
-    return Answer(
-        contrast=contrast,
-        shift=estimate(*pairs.per_seed()) if pairs.seeds else None,
-        changes=changes
-        if contrast.measure == "success" and contrast.lacking.level
-        else {},
-    )
-
-
-def contrast_pairs(contrast: Contrast, levels: ByLevel) -> Pairs:
-    """Return the values of both sides of a contrast at their common tasks."""
+    measure = MEASURES[contrast.measure]
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
         # Levels of a comparison have the same doors.
         return {
-            (
-                episode.task.seed,
-                f"{'' if side.level else level} {episode.task.door}",
-            ): value
+            (e.task.seed, f"{'' if side.level else level} {e.task.door}"): value
             for level, runs in levels.items()
             if side.level in ("", level)
-            for episode in runs.get(side.policy, ())
-            if (value := MEASURES[contrast.measure].of(episode)) is not None
+            for e in runs.get(side.policy, ())
+            if (value := measure.of(e)) is not None
         }
 
-    return paired(numbers(contrast.having), numbers(contrast.lacking))
+    pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
+    estimate = mean_shift if measure.share else shift
+    changes: dict[str, int] = {}
+    if contrast.measure == "success" and contrast.lacking.level:
+        both = list(zip(pairs.first, pairs.second, strict=True))
+        changes = {
+            "gained": sum(having > lacking for having, lacking in both),
+            "forgotten": sum(having < lacking for having, lacking in both),
+            "opened before": sum(lacking > 0.0 for _, lacking in both),
+        }
+    return Answer(
+        contrast=contrast,
+        shift=estimate(*pairs.per_seed()) if pairs.seeds else None,
+        changes=changes,
+    )
 
 
 def summary(episodes: Iterable[EpisodeResult], name: str) -> Rate | Shift | None:
