@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -127,15 +126,14 @@ def checked(settings: StudySettings) -> StudySettings:
         if isinstance(values, tuple):
             _check_list(name.replace("_", "-"), values)
     for option, values, low, high in (
-        ("seeds", (settings.seeds,), 1, math.inf),
+        ("seeds", (settings.seeds,), 1, 100_000),
         # Exact Gaussian processes of more demonstrations take hours.
         ("demonstrations-per-door", settings.demonstrations_per_door, 1, 1000),
         ("teacher-noise", settings.teacher_noise, 0, 20),
     ):
         for value in values:
             if not low <= value <= high:
-                to = f"to {high}" if high < math.inf else "or more"
-                raise ValueError(f"--{option} {value} must be {low} {to}")
+                raise ValueError(f"--{option} {value} must be {low} to {high}")
     return settings
 
 
