@@ -113,7 +113,7 @@ class DoorRandomization:
     """Commands take effect after `shortest_delay` to this many control periods."""
     doors: Doors = "given"
     """``"given"``: the door of the environment, changed by the ranges above;
-    ``"standard"``: a door drawn by `gplfd_env.doors.randomization` instead."""
+    ``"standard"``: a door drawn by `standard_door` instead."""
 
     def __post_init__(self) -> None:
         check_choice("DoorRandomization.doors", self.doors, get_args(Doors))

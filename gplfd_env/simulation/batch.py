@@ -10,7 +10,7 @@ from mujoco.batch import Batch
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
-from gplfd_env.scene.build import GRASP_KEY
+from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
 from gplfd_env.simulation.command import ExtraInputs, ServoGains, servo_gains
 from gplfd_env.simulation.single import BAD_STATE, Robot
@@ -27,7 +27,7 @@ class SameStructureBatch:
         self, n: int, robot: Robot, begin: Variation, num_threads: int
     ) -> None:
         self._robot, self._threads = robot, num_threads
-        scene = robot.build(begin)
+        scene = build_scene(**robot.scene(begin))
         self.loaded = [begin] * n
         self.models = [scene.__copy__() for _ in range(n)]
         self._bind()
@@ -55,7 +55,8 @@ class SameStructureBatch:
         """See `DoorBatch.load`; the door has this structure."""
         now = self.loaded[row]
         if variation.scene != now.scene:
-            self._robot.load(self.models[row], self._scratch, variation)
+            drawn = self._robot.scene(variation)
+            load_scene(self.models[row], self._scratch, **drawn)
         if not now.disturbance.idle:
             door = variation.door
             set_hinge(self.models[row], end_angle(door), door.friction)

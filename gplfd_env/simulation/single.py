@@ -28,17 +28,8 @@ class Robot(NamedTuple):
     command: Command
     config: RobotConfig
 
-    def build(self, variation: Variation) -> mujoco.MjModel:
-        """Return a scene with this robot, see `gplfd_env.scene.build.build_scene`."""
-        return build_scene(**self._scene(variation))
-
-    def load(
-        self, model: mujoco.MjModel, data: mujoco.MjData, variation: Variation
-    ) -> None:
-        """Write another door into a scene with this robot, see `load_scene`."""
-        load_scene(model, data, **self._scene(variation))
-
-    def _scene(self, variation: Variation) -> dict[str, Any]:
+    def scene(self, variation: Variation) -> dict[str, Any]:
+        """Return arguments of `gplfd_env.scene.build.build_scene` and `load_scene`."""
         door, placement, standoff = variation.scene
         return {
             "door": door,
@@ -84,7 +75,7 @@ class DoorSimulation:
 
     def _build(self, variation: Variation) -> None:
         """Build a new model, for a door of another structure."""
-        self.model = self._robot.build(variation)
+        self.model = build_scene(**self._robot.scene(variation))
         self.data = mujoco.MjData(self.model)
         self._bind()
 
@@ -112,7 +103,7 @@ class DoorSimulation:
         if structure_of(door) != structure_of(now.door):
             self._build(variation)
         elif variation.scene != now.scene:
-            self._robot.load(self.model, self.data, variation)
+            load_scene(self.model, self.data, **self._robot.scene(variation))
         if not now.disturbance.idle:
             set_hinge(self.model, end_angle(door), door.friction)
         self.variation = variation

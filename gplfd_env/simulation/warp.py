@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.variation import Variation
-from gplfd_env.scene.build import GRASP_KEY
+from gplfd_env.scene.build import GRASP_KEY, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.batch import Rows, SameStructureBatch
 from gplfd_env.simulation.command import ExtraInputs
@@ -135,7 +135,7 @@ class WarpPhysics(SameStructureBatch):
     def state_of(self, row: int) -> mujoco.MjData:
         """See `gplfd_env.simulation.batch.DoorBatch.state_of`."""
         state = self._scratch
-        self._robot.load(state.model, state, self.loaded[row])
+        load_scene(state.model, state, **self._robot.scene(self.loaded[row]))
         state.qpos[:] = self.qpos[row]
         mujoco.mj_forward(state.model, state)
         return state

@@ -63,7 +63,7 @@ def with_fields(
         part = getattr(before, name)
         nested = dataclasses.is_dataclass(part) and isinstance(value, Mapping)
         changes[name] = with_fields(part, value, name) if nested else value
-    changed: Record = dataclasses.replace(before, **changes)
+    changed: Record = dataclasses.replace(before, **changes) if changes else record
     return changed
 
 

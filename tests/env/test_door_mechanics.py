@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DOORS, DoorConfig
-from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
+from gplfd_env.doors.hardware import EN_1154, en1154, leaf
 from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import handle_pose_on_arc
@@ -188,15 +188,6 @@ def test_a_closer_is_what_en_1154_allows(size, share):
     for degrees in range(0, 61, 5):
         assert moment(degrees, slow) <= row.opening + 1e-9
     assert moment(90.0, -slow) >= row.closing_open
-
-
-CLOSERS = {
-    "none": {},
-    "spring hinge": {"closer": spring_hinge(8.0)},
-    "EN 1154 size 1": {"closer": en1154(1)},
-    "EN 1154 size 4": {"closer": en1154(4)},
-    "all at once": {"closer": en1154(2), "stiction": 5.0, "seal": 3.0},
-}
 
 
 @settings(max_examples=4)

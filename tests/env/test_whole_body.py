@@ -27,7 +27,6 @@ from gplfd_env.robot.whole_body import (
 HAND = (0.8, 0.3)
 ROBOT = TIAGO_LIKE.on("mobile")
 AXES = task_rotation_w(DoorConfig(), ROBOT)
-UP = AXES[2]
 numbers = st.floats(-1.0, 1.0)
 
 
