@@ -67,27 +67,24 @@ def of_text(metavar: str, read: Callable[[str], Any]) -> Any:
     )
 
 
-def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
-    """Return a function that reads numbers, one for each name, from a text."""
+def numbers(names: str) -> Callable[[str], Any]:
+    """Return a function that reads numbers, one for each name, from a text.
 
-    def read(text: str) -> tuple[float, ...]:
+    It returns other texts as they are, for an error where the value is used.
+    """
+
+    def read(text: str) -> Any:
         try:
             values = tuple(map(float, text.split(",")))
         except ValueError:
-            values = ()
-        if len(values) != len(names.split(",")):
-            raise ValueError(f"{text!r} must be numbers {names}")
-        return values
+            return text
+        return values if len(values) == len(names.split(",")) else text
 
     return read
 
 
 def _columns(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
-
-
-def _frame(text: str) -> str | Pose:
-    return numbers(POSE)(text) if "," in text else text
 
 
 def _segments(text: str) -> Any:
@@ -184,7 +181,7 @@ class ImportSettings:
     )
     """Direction of gravity in the frame of the recorded poses."""
 
-    frame: Annotated[str | Pose, of_text("FRAME", _frame)] = "first-pose"
+    frame: Annotated[str | Pose, of_text("FRAME", numbers(POSE))] = "first-pose"
     """Frame of the resulting poses: first-pose (the first pose of each motion),
     recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
     [m]."""
@@ -221,6 +218,8 @@ class ImportSettings:
                 )
         for name in ("force_sensor", "offset", "frame"):
             pose = getattr(self, name)
+            if isinstance(pose, str) and name != "frame":
+                raise ValueError(f"{name} {pose!r} must be numbers {POSE}")
             if pose is not None and not isinstance(pose, str):
                 norm = math.hypot(*pose[3:])
                 valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
@@ -233,7 +232,8 @@ class ImportSettings:
                 object.__setattr__(self, name, unit)
         for name in ("tool_centre", "gravity"):
             vector = getattr(self, name)
-            if len(vector) != 3 or not math.isfinite(sum(vector)):
+            three = not isinstance(vector, str) and len(vector) == 3
+            if not three or not math.isfinite(sum(vector)):
                 raise ValueError(f"{name} = {vector} must be three numbers x,y,z")
         if not any(self.gravity):
             raise ValueError("gravity = 0,0,0 has no direction; 0,0,-1 is downwards")

@@ -63,6 +63,9 @@ class Export:
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
+        for name, value in (("frame", self.frame), ("tool", self.tool)):
+            if isinstance(value, str):
+                raise ValueError(f"--{name} {value!r} must be numbers, see --help")
         if self.robot is None and self.door != "medium":
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
