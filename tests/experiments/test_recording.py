@@ -124,11 +124,9 @@ def test_curves_and_bands_are_those_of_the_log(record, make_log):
     curves = {
         "angle/door": {"door": np.degrees(log.opening.door_angle)},
         "misfit/mode": {"active mode": acting, "its probability": 0.5 + 0.4 * acting},
-        "uncertainty_raw/axes": {
-            "x, pull": 1e3 * ramp[:, 0],
-            "z, side": 1e3 * ramp[:, 2],
-        },
-        "stiffness/axes": {"x, pull": 300.0, "z, side": 300.0},
+        "uncertainty_raw/along/policy": {"along": 1e3 * ramp[:, 0]},
+        "uncertainty_raw/across/policy": {"across": 1e3 * ramp[:, 2]},
+        "stiffness/along/policy": {"along": 300.0},
         "turn/motion": {"true": turn, "hand": turn},
         "size/curves": {"policy now": 120.0, "true": size},
         # The log has the force of the door on the hand.
@@ -143,7 +141,7 @@ def test_curves_and_bands_are_those_of_the_log(record, make_log):
         expected = np.stack(columns, axis=1)
         np.testing.assert_allclose(values, expected, rtol=0.02, err_msg=panel)
     # The first panel shows means over time, without the sawtooth of the values.
-    _, smooth = recording["/plots/uncertainty/axes", "Scalars:scalars"]
+    _, smooth = recording["/plots/uncertainty/along/policy", "Scalars:scalars"]
     assert np.ptp(np.array(smooth)[100:, 0]) < 2.0 < np.ptp(1e3 * ramp)
 
     factor = np.exp(1.96 * log.decisions.path_size_std)
@@ -264,15 +262,27 @@ def test_stages_begin_at_their_angles(make_log, failure, most, expected):
 
 def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path):
     # Time is spent per chunk, 0.1 ms each to make and to write.
-    assert len(record(make_log()).chunks) <= 78
+    assert len(record(make_log()).chunks) <= 94
     reader = RrdReader(tmp_path / "episode.rrd")
     (blueprint,) = reader.blueprints()
-    views = {
-        chunk.entity_path
+    batches = {
+        chunk.entity_path: chunk.to_record_batch()
         for chunk in reader.stream(store=blueprint)
-        if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
     }
-    assert len(views) == 18  # fourteen of series, two 3-D, lanes and page
+    origins = [
+        batch.column("ViewBlueprint:space_origin").to_pylist()[0][0]
+        for batch in batches.values()
+        if "ViewBlueprint:space_origin" in batch.schema.names
+    ]
+    assert len(origins) == 24  # twenty of series, two 3-D, lanes and page
+    # σ across the path is a tenth of σ along it: each has its own axis, without legend.
+    assert {"/plots/uncertainty/along", "/plots/uncertainty/across"} < {*origins}
+    legends = [
+        batch.column("PlotLegend:visible").to_pylist()[0]
+        for batch in batches.values()
+        if "PlotLegend:visible" in batch.schema.names
+    ]
+    assert legends == [[False]] * 20
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")

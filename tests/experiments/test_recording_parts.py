@@ -132,7 +132,7 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
 def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of, log):
     assert log.config == DOORS["heavy-fire"]
     plain, full = titles_of(layout()), titles_of(layout((), tuple(TITLES), "left"))
-    above = "From above: door at the top, hinge left"
+    above = "From above, hinge left"
     assert set(full) - set(plain) == {*TITLES.values(), above}
     assert len(full) == len(plain) + len(TITLES)
 
@@ -210,10 +210,19 @@ def test_limits_are_drawn_only_near_them(make_log, peak, limits, outside):
     assert [int(limit) for limit in drawn] == limits
 
 
+def test_a_policy_without_uncertainty_has_no_empty_panel(titles_of):
+    titles = titles_of(layout(drawn=["/plots/angle/door", "/plots/stiffness/along/k"]))
+    series = [title for title in titles if "[" in title]
+    assert series == [
+        "Door angle [deg], lines at 15, 30, 60",
+        "2. Stiffness k along [N/m]",
+    ]
+    assert "Unsmoothed, rates" not in titles
+
+
 def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
     plain, disturbed = (
         titles_of(layout(kinds_of(log)))
         for log in (make_log(), make_log(person_force=held(33.0)))
     )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
-    assert len(plain) == 17

@@ -194,7 +194,11 @@ def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
         [f"{_OVERLAY}/**"],
         (above, target, (1.0, 0.0, 0.0)),
     )
-    angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
+    angle = rrb.TimeSeriesView(
+        origin=f"{_PLOTS}/angle",
+        name="Door angle [deg]",
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
     curves = series_view(Plot("radial", "Radial force [N]: against the hinge"), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])

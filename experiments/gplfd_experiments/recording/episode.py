@@ -1,5 +1,6 @@
 """Write one episode as a recording with its view."""
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
@@ -34,13 +35,12 @@ from gplfd_experiments.recording.stream import page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _FORCE_NOTE: Final = """\
-- **panel 4**: force that the policy expected before it measured the force; outside \
-the band the door differs from the demonstrations and the forces so far, or somebody \
-is in the way
+- **panel 4**: outside the band of the expected force, the door differs from the \
+demonstrations and the forces so far, or somebody is in the way
 """
 _MODE_NOTE: Final = """\
 - **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations contain several \
-kinds of motion; shows the active one and its probability
+kinds of motion; the active one is white, its probability violet
 """
 
 
@@ -59,9 +59,10 @@ def record_episode(
     """
     check_model(log, model)
     parts = mechanism_of(model, log.config)
-    forces = bool(np.isfinite(log.decisions.expected_force).any())
-    views = layout(kinds_of(log), parts, log.config.hinge_side, forces=forces)
-    chunks = episode_chunks(log, model, demonstrations, looks)
+    curves = [*panels(log, mean_radius(demonstrations))]
+    drawn = {chunk.entity_path for chunk in curves}
+    views = layout(kinds_of(log), parts, log.config.hinge_side, drawn)
+    chunks = itertools.chain(curves, episode_chunks(log, model, demonstrations, looks))
     name = f"{log.door} door, {log.policy}, seed {log.seed}"
     write_recording(path, name, views, chunks)
 
@@ -83,13 +84,12 @@ def episode_chunks(
     demonstrations: Sequence[Demonstration],
     looks: BodyMeshes | None = None,
 ) -> Iterator[Chunk]:
-    """Return all chunks: scene, demonstrations, policy, time series, lanes and page."""
+    """Return all chunks but the time series: scene, policy, lanes and page."""
     yield from drawn_scene(model, looks)
     yield from door_frame(model, log.config, demonstrations)
     yield from moved_scene(model, log)
     for chunks_of in (policy_motion, hand_motion, hand_stiffness, stiffness_lane):
         yield from chunks_of(log)
-    yield from panels(log, mean_radius(demonstrations))
     yield from disturbance_chunks(log)
     yield from mechanism(log, model)
     yield from stage_lane(log)
@@ -122,15 +122,19 @@ def _page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
     notes += _MODE_NOTE * bool(np.isfinite(log.decisions.mode).any())
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
+    axes = "and *across* the path"
+    if np.all(log.decisions.frame == np.eye(3)):
+        axes = "the pull (x) and *across* it (z)"
     text = files(__package__).joinpath("episode.md").read_text(encoding="utf-8")
     return page(
         text.format(
             door=log.door,
             policy=log.policy,
             end=f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s",
-            parts=", ".join(_described(log.door_config)),
+            parts=", ".join(_described(log.door_config)) or "standard",
             demonstrations=n_demonstrations,
             seed=log.seed,
+            axes=axes,
             milliseconds=1e3 * log.dt,
             notes=notes,
             versions=", ".join(f"{name} {of}" for name, of in versions().items()),

@@ -1,7 +1,8 @@
 """The view of a recording: scene, policy, and reasons for the stiffness."""
 
-from collections.abc import Sequence
-from typing import Final, Literal, NamedTuple
+from collections.abc import Collection, Sequence
+from itertools import groupby
+from typing import Final, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -13,18 +14,16 @@ from gplfd_experiments.recording.colours import BACKGROUND
 from gplfd_experiments.recording.parts import KINDS, LOG, PANEL, TITLES
 from gplfd_experiments.recording.stream import TEXT
 
-Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 Eye = tuple[ArrayLike, ArrayLike, ArrayLike]
 """Position, target and up direction of a 3-D view [m]."""
 
 
 class Plot(NamedTuple):
-    """A panel of all time series below an entity."""
+    """A panel of all time series below an entity; a legend would hide curves."""
 
     entity: str
     title: str
-    legend: Corner | None = None
-    """Corner of the legend, without curves; None for no legend."""
+    """Quantity and unit, and the colours of several curves."""
     from_zero: bool = False
     """Whether the axis includes zero, so that heights are proportional."""
     limits: tuple[float, float] | None = None
@@ -38,56 +37,61 @@ _PLAN_EYE: Final = ((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 _WIDE_EYE: Final = ((-0.8, -3.2, 1.3), (-0.7, -0.3, -0.15), (0.0, 0.0, 1.0))
 _WIDE_PLAN_EYE: Final = ((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
 
+
+def _along_and_across(
+    entity: str, title: str, limits: tuple[float, float] | None = None
+) -> tuple[Plot, ...]:
+    """Panels of both directions side by side, because σ differs tenfold."""
+    return tuple(
+        Plot(f"{entity}/{axis}", title.format(axis), limits is None, limits)
+        for axis in panels.AXES
+    )
+
+
 _PLOTS: Final = {
     "Uncertainty and stiffness": (
         Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
-        Plot("uncertainty", "1. Uncertainty σ of the policy [mm]", "LeftTop", True),
+        *_along_and_across("uncertainty", "1. Uncertainty σ {} [mm]"),
+        *_along_and_across("stiffness", "2. Stiffness k {} [N/m]"),
         Plot(
-            "stiffness", "2. Stiffness k [N/m]: falls where σ grows", "LeftBottom", True
+            "force", "3. Force [N]: along green, compensated violet, radial red", True
         ),
         Plot(
-            "force",
-            "3. Force [N]: green along the path, red radial, violet compensated",
-            from_zero=True,
+            "expected", "4. Force along [N]: expected violet ±1.96 σ, measured yellow"
         ),
     ),
     "Motion and policy": (
-        # The hand moves from zero upwards, so this corner is empty.
-        Plot("x", "x, along the pull [m], ±1.96 σ", "LeftTop"),
+        Plot("x", "x, pull [m]: true green, hand yellow, policy violet, before blue"),
         Plot("z", "z, across it [m], ±1.96 σ"),
         Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
-        Plot("size", "Size [% of demonstrated], ±1.96 σ", "RightTop", limits=(40, 200)),
+        Plot("size", "Size [% of demonstrated], ±1.96 σ", limits=(40, 200)),
     ),
     # Values of the control loop in every period: σ drops at every via-point.
     "Unsmoothed, rates": (
-        Plot("uncertainty_raw", "σ [mm]", "LeftTop", True),
-        Plot("uncertainty_rate", "dσ/dt [mm/s]: falling σ stiffens"),
-        Plot("stiffness_raw", "Stiffness k [N/m]", from_zero=True),
+        *_along_and_across("uncertainty_raw", "σ {} [mm]"),
+        *_along_and_across("uncertainty_rate", "dσ/dt {} [mm/s]"),
+        *_along_and_across("stiffness_raw", "Stiffness k {} [N/m]"),
         # Negative during softening.
-        Plot("stability", "dk/dt [% of its stability bound]", limits=(-40.0, 110.0)),
-        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", from_zero=True),
+        *_along_and_across("stability", "dk/dt {} [% of its bound]", (-40.0, 110.0)),
+        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", True),
     ),
 }
-"""Panels of every recording, by tab."""
-_EXPECTED_FORCE: Final = Plot(
-    "expected", "4. Force along the path [N]: expected ±1.96 σ, measured", "LeftTop"
-)
+"""Panels of every recording, by tab; those of a quantity are side by side."""
 
 
 def layout(
     kinds: Sequence[str] = (),
     parts: Sequence[str] = (),
     hinge: HingeSide = "right",
-    *,
-    forces: bool = False,
+    drawn: Collection[str] = (),
 ) -> rrb.Container:
     """Return the layout, equal for all episodes with the same kinds of content.
 
     Both 3-D views are fixed in the task frame, so that every door has the same view,
     mirrored for a hinge on the left. The axes of the panels scale automatically.
     ``kinds`` are names of disturbances, ``parts`` names of panels of
-    `gplfd_experiments.recording.parts`, and ``forces`` is whether the policy
-    expects forces.
+    `gplfd_experiments.recording.parts`, and ``drawn`` the entities of the time series
+    of the episode; panels without any are left out.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in parts:
@@ -100,39 +104,51 @@ def layout(
         for name, contents, (eye, target, up) in (
             ("Scene", ["/world/**", f"- {motion.PLAN}/**"], scene_eye),
             (
-                f"From above: door at the top, hinge {hinge}",
+                f"From above, hinge {hinge}",
                 [f"{motion.ROOT}/**", *hidden],
                 plan_eye,
             ),
         )
     )
-    tabs = dict(_PLOTS)
+    tabs = {
+        name: [
+            plot
+            for plot in plots
+            if any(path.startswith(f"{panels.ROOT}/{plot.entity}/") for path in drawn)
+        ]
+        for name, plots in _PLOTS.items()
+    }
     first = next(iter(tabs))
-    if forces:
-        tabs[first] += (_EXPECTED_FORCE,)
-    about: rrb.Container | rrb.View
+    stages: rrb.Container | rrb.View
+    stages = rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness")
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if kinds:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
         events = rrb.TextLogView(origin=LOG, name="From outside", columns=columns)
-        about = rrb.Vertical(events, about, row_shares=[2, 3])
+        stages = rrb.Horizontal(stages, events, column_shares=[2, 1])
         units = ", ".join(f"{name} [{KINDS[name].unit}]" for name in kinds)
         title = f"From outside: {units}"
-        tabs[first] += (Plot(PANEL, title, from_zero=True),)
+        tabs[first].append(Plot(PANEL, title, from_zero=True))
     if parts:
-        tabs["Handle, latch, closer, base"] = tuple(
-            Plot(name, TITLES[name], "LeftTop" if name == "base" else None)
-            for name in parts
-        )
+        tabs["Handle, latch, closer, base"] = [
+            Plot(name, TITLES[name]) for name in parts
+        ]
     left = rrb.Vertical(
         scene,
-        rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness"),
-        rrb.Horizontal(plan, about),
-        row_shares=[5, 2.4 if "latch" in parts else 1.9, 4],
+        stages,
+        rrb.Horizontal(plan, about, column_shares=[3, 4]),
+        row_shares=[4.5, 2.4 if "latch" in parts else 1.7, 4.5],
     )
     right = (
-        rrb.Vertical(*(series_view(plot, panels.ROOT) for plot in plots), name=name)
+        rrb.Vertical(
+            *(
+                rrb.Horizontal(*(series_view(plot, panels.ROOT) for plot in row))
+                for _, row in groupby(plots, lambda plot: plot.entity.split("/")[0])
+            ),
+            name=name,
+        )
         for name, plots in tabs.items()
+        if plots
     )
     return rrb.Horizontal(left, rrb.Tabs(*right, active_tab=0), column_shares=[6, 5])
 
@@ -161,5 +177,5 @@ def series_view(plot: Plot, root: str = "") -> rrb.TimeSeriesView:
         name=plot.title,
         contents=["$origin/**", panels.ZERO] if plot.from_zero else "$origin/**",
         axis_y=None if plot.limits is None else rrb.ScalarAxis(range=plot.limits),
-        plot_legend=rrb.PlotLegend(corner=plot.legend, visible=plot.legend is not None),
+        plot_legend=rrb.PlotLegend(visible=False),
     )

@@ -21,6 +21,9 @@ ROOT: Final = "/plots"
 ZERO: Final = f"{ROOT}/zero"
 """Entity of a line at zero, which keeps zero in the range of a panel."""
 
+AXES: Final = ("along", "across")
+"""Horizontal directions of σ and k, last parts of the entities of their panels."""
+
 # Entity, number and scale factor of the three outputs that move when a door opens.
 _OUTPUTS: Final = (("x", 0, 1.0), ("z", 2, 1.0), ("turn", 4, 180.0 / np.pi))
 
@@ -51,9 +54,10 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
     curves: dict[str, dict[Line, FloatArray]] = {
         "angle/door": {Line("door", colours.TRUTH, 2.5): angles},
         "force/parts": {
+            # Wide and first, because the force along the path is almost equal.
+            Line("load compensated", colours.ADAPTED, 5.0): agent.compensated_load,
             Line("along the path", colours.TRUTH): forces.force_tangential,
             Line("radial: against the hinge", colours.FORCE): forces.force_radial,
-            Line("load compensated", colours.ADAPTED, 1.0): agent.compensated_load,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): agent.phase_misfit},
         "misfit/mode": {
@@ -61,9 +65,6 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
             Line("its probability", colours.ADAPTED): agent.mode_probability,
         },
     }
-    in_task_frame = np.all(agent.frame == np.eye(3))
-    along = Line("x, pull" if in_task_frame else "along the path", colours.AXIS_X)
-    across = Line("z, side" if in_task_frame else "across it", colours.AXIS_Z)
     for panel, values in (
         ("uncertainty", recent_mean(1e3 * agent.std, log.dt)),
         ("stiffness", recent_mean(agent.stiffness, log.dt)),
@@ -72,9 +73,12 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
         ("stiffness_raw", agent.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
-        curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
-    lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
-    curves["uncertainty/axes"][lag] = 1e3 * agent.path_lag
+        for axis, output, colour in zip(
+            AXES, (0, 2), (colours.AXIS_X, colours.AXIS_Z), strict=True
+        ):
+            curves[f"{panel}/{axis}/policy"] = {Line(axis, colour): values[:, output]}
+    lag = {Line("lag of the hand", colours.OUTSIDE, 1.0): 1e3 * agent.path_lag}
+    curves["uncertainty/along/lag"] = lag
 
     # Each output before the door moved and now.
     beliefs = {}
@@ -123,7 +127,10 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
     # The marks of the forces fix the scale, so that a few newtons look small.
     yield from levels(log, f"{ROOT}/angle/marks", (15.0, 30.0, 60.0), colours.MARK)
     yield from levels(log, f"{ROOT}/force/marks", (-10.0, 10.0), colours.MARK)
-    yield from levels(log, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT)
+    if np.isfinite(agent.stiffness).any():
+        for axis in AXES:
+            path = f"{ROOT}/stability/{axis}/bound"
+            yield from levels(log, path, (100.0,), colours.LIMIT)
     yield from levels(log, ZERO, (0.0,), colours.MARK)
 
 

@@ -35,7 +35,7 @@ TITLES: Final[Mapping[str, str]] = {
     "handle": "Handle [deg]",
     "latch": "Bolt, retracted by [mm]",
     "closer": "Closing torque [N m]: closer, seal, stiction",
-    "base": "Base [m, rad]",
+    "base": "Base [m, rad]: x ahead orange, y left blue, turn violet",
 }
 """Titles of panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
 

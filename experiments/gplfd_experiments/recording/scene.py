@@ -86,7 +86,8 @@ def drawn_scene(
                 **size,
             )
             shapes.append(shape)
-        yield static(entity, *shapes)
+        if shapes:  # not if all are meshes
+            yield static(entity, *shapes)
         for geom in geoms:
             if kinds[geom] != _GEOM.mjGEOM_MESH:
                 continue

@@ -21,7 +21,7 @@ _LINES: Final = (
     Line("z", colours.AXIS_Z),
 )
 _PANELS: Final = {
-    "pose": "Commanded position [m]",
+    "pose": "Commanded position [m]: x orange, y green, z blue",
     "ee_pose": "Measured position [m]",
     "wrench": "Measured force [N]",
     "stiffness": "Stiffness [N/m]",
@@ -60,7 +60,7 @@ def recording_of(file: Path) -> Path:
                 events.append((line["at"], text))
     if not events:
         raise ValueError(f"{file} holds no message yet")
-    panels = [series_view(Plot(*panel, "LeftTop")) for panel in _PANELS.items()]
+    panels = [series_view(Plot(*p)) for p in _PANELS.items() if p[0] in curves]
     log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
     views = rrb.Horizontal(rrb.Vertical(*panels), log, column_shares=[3, 2])
     at, texts = map(list, zip(*events, strict=True))
