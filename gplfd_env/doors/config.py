@@ -40,6 +40,34 @@ Motion = Literal[
 ]  # fmt: skip
 """How the leaf moves, see `gplfd_env.doors.motion`."""
 
+
+class MotionRules(NamedTuple):
+    """What a motion of the leaf allows."""
+
+    upright_hinge: bool = False  # It turns about one: a fixed base can follow it.
+    level: bool = False  # Hinge and bar are level.
+    all_handles: bool = False  # Else only a bar.
+    pushed: bool = False  # Whether it also opens by pushing.
+    mechanism: tuple[str, ...] = ()  # Fields of `Mechanism` that apply to it.
+
+
+MOTIONS: Final[Mapping[Motion, MotionRules]] = MappingProxyType(
+    {
+        "hinged": MotionRules(upright_hinge=True, all_handles=True, pushed=True),
+        "sliding": MotionRules(mechanism=("clear_width",)),
+        "parallel-sliding": MotionRules(mechanism=("clear_width", "offset")),
+        "folding": MotionRules(mechanism=("roller_friction",)),
+        "flap": MotionRules(
+            level=True, mechanism=("strut_stiffness", "strut_dead_angle")
+        ),
+        "rising-butt": MotionRules(
+            upright_hinge=True, all_handles=True, pushed=True, mechanism=("rise",)
+        ),
+        "concealed-hinge": MotionRules(upright_hinge=True),
+    }
+)
+"""Rules of every motion; `gplfd_env.doors.motion.links_of` has its joints."""
+
 OVERHANG: Final = 0.01
 """Distance by which the leaf extends beyond the hinge axis if no width is given [m]."""
 
@@ -161,18 +189,21 @@ class DoorConfig:
     def _contradiction(self) -> str:
         """Return a message about contradictory fields; empty if there are none."""
         motion, leaf, lockset = self.motion, self.leaf, self.lockset
+        rules = MOTIONS[motion]
         for name in changed_fields(self.mechanism):
-            if motion not in _OF_MOTIONS[name]:
-                motions = " or ".join(_OF_MOTIONS[name])
-                return f"mechanism.{name} is a field of motion = {motions}"
-        if (motion == "flap") != (self.hinge_side in ("bottom", "top")):
+            if name not in rules.mechanism:
+                motions = (
+                    other for other in MOTIONS if name in MOTIONS[other].mechanism
+                )
+                return f"mechanism.{name} is a field of motion = {' or '.join(motions)}"
+        if rules.level != (self.hinge_side in ("bottom", "top")):
             return (
                 f"motion = {motion!r} with hinge_side = {self.hinge_side!r}; a flap "
                 "has its hinge at the bottom or top, all others on the right or left"
             )
-        if motion not in ("hinged", "rising-butt") and self.handle != "bar":
+        if self.handle != "bar" and not rules.all_handles:
             return f"motion = {motion!r} with handle = {self.handle!r}; choose 'bar'"
-        if motion in _PULLED and self.swing == "push":
+        if self.swing == "push" and not rules.pushed:
             return f"motion = {motion!r} with swing = 'push'; choose swing = 'pull'"
         if self.latch == "spring" and self.handle == "bar":
             return (
@@ -253,6 +284,11 @@ class DoorConfig:
         return {n: value for n, value in kind.items() if value != "hinged"}
 
     @property
+    def level(self) -> bool:
+        """Whether hinge and bar are level, as of a flap; else they are upright."""
+        return MOTIONS[self.motion].level
+
+    @property
     def hinge_sign(self) -> float:
         """-1 if the hinge is on the left, else 1."""
         return -1.0 if self.hinge_side == "left" else 1.0
@@ -303,18 +339,6 @@ _CHOICES: Final = {
     "handle": Handle, "latch": Latch, "swing": Swing, "hinge_side": HingeSide,
     "motion": Motion,
 }  # fmt: skip
-
-_OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
-    "clear_width": ("sliding", "parallel-sliding"),
-    "offset": ("parallel-sliding",),
-    "rise": ("rising-butt",),
-    "strut_stiffness": ("flap",),
-    "strut_dead_angle": ("flap",),
-    "roller_friction": ("folding",),
-}
-"""Motions to which a field of `Mechanism` applies."""
-
-_PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-hinge")
 
 
 def _room(

@@ -8,12 +8,12 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Base, Mask, Start
 from gplfd_env.conventions.resets import checked_options, chosen_rows, each
-from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.doors.config import MOTIONS, DoorConfig, door_config
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import Grasp
-from gplfd_env.robot.placement import ABOUT_A_HINGE, check_reach
+from gplfd_env.robot.placement import check_reach
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
@@ -75,11 +75,12 @@ class Sources:
             randomization.check_start(self.start)
             check_reach(randomization.outermost(door), self.robot, self.start)
         for door, disturbance in zip(doors, disturbances, strict=True):
-            if not (disturbance.idle or door.motion in ABOUT_A_HINGE):
+            if not (disturbance.idle or MOTIONS[door.motion].upright_hinge):
+                upright = (name for name in MOTIONS if MOTIONS[name].upright_hinge)
                 raise ValueError(
                     f"no disturbance of a door with motion = {door.motion!r}: forces "
                     "and stops are defined for a leaf that turns about an upright "
-                    f"hinge ({', '.join(ABOUT_A_HINGE)})"
+                    f"hinge ({', '.join(upright)})"
                 )
 
     @classmethod

@@ -58,9 +58,9 @@ class StanceGroup(NamedTuple):
     @classmethod
     def of(cls, door: DoorConfig, base: Base) -> "StanceGroup":
         """Return the group of doors to which a door belongs."""
-        level = door.motion == "flap"
-        side: HingeSide = "right" if level else door.hinge_side
-        return cls(base, door.swing, "level-bar" if level else door.handle, side)
+        side: HingeSide = "right" if door.level else door.hinge_side
+        held: Held = "level-bar" if door.level else door.handle
+        return cls(base, door.swing, held, side)
 
 
 class Capsule(NamedTuple):

@@ -7,13 +7,12 @@ its left at z = radius, where an arm on a fixed base reaches less.
 """
 
 import math
-from typing import Final
 
 import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import Array, Base, Start
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import MOTIONS, DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
 from gplfd_env.robot.config import RobotConfig
@@ -98,7 +97,7 @@ def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> A
 
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
     """Return how far above the middle of a bar the hand holds it [m]."""
-    upright = door.handle == "bar" and door.motion != "flap"
+    upright = door.handle == "bar" and not door.level
     return placement.grasp_height if upright else 0.0
 
 
@@ -207,10 +206,6 @@ def _bring_hand(
     return most, bool(most <= 1e-9 and within)
 
 
-ABOUT_A_HINGE: Final = ("hinged", "rising-butt", "concealed-hinge")
-"""Motions about an upright hinge, or nearly so; a fixed base reaches them."""
-
-
 def base_for(door: DoorConfig, robot: RobotConfig) -> Base:
     """Return the base that a door needs.
 
@@ -219,7 +214,7 @@ def base_for(door: DoorConfig, robot: RobotConfig) -> Base:
     """
     furniture = DoorConfig().kind
     kind = {name: value for name, value in door.kind.items() if name != "motion"}
-    if kind != furniture or door.motion not in ABOUT_A_HINGE:
+    if kind != furniture or not MOTIONS[door.motion].upright_hinge:
         return "mobile"
     stance = robot.on("fixed").stance(door)
     within = door.radius <= stance.radius and door.handle_height <= stance.height
@@ -238,7 +233,7 @@ def check_reach(door: DoorConfig, robot: RobotConfig, start: Start = "grasped") 
             'base="fixed": the robot stands too near to draw its hand back; give '
             'base="mobile"'
         )
-    if robot.base == "fixed" and door.motion not in ABOUT_A_HINGE:
+    if robot.base == "fixed" and not MOTIONS[door.motion].upright_hinge:
         raise ValueError(
             f"DoorConfig.motion = {door.motion!r} is out of reach with base='fixed': "
             'the arm alone cannot follow the handle; give base="mobile"'

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, Array
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import MOTIONS, DoorConfig
 from gplfd_env.doors.motion import carried, end_angle, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.placement import ABOUT_A_HINGE, handle_position_w, task_rotation_w
+from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
@@ -159,18 +159,19 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     for depth in (-0.08, 0.08):
         wall = hinge + (depth - door.leaf.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
-    if door.motion not in ABOUT_A_HINGE:
+    upright_hinge = MOTIONS[door.motion].upright_hinge
+    if not upright_hinge:
         links, closed = links_of(door), np.zeros((2, 6))
         closed[:, 2] = door.hinge_sign * np.array([-door.radius, door.leaf.backset])
         if door.motion == "folding":
             closed[0, 2] = -door.hinge_sign * door.fold_distance
-        elif door.motion == "flap":
+        elif door.level:
             closed[:, 2] = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
         for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
             leaf += list(floor + carried(links, angle, closed)[:, :3] @ axes.T)
             moved = carried(links, angle, np.zeros(6))[:3] * [1.0, 0.0, 1.0]
             around_robot.append(axes @ moved + outline)
-    for angle in _SHOWN_ANGLES if door.motion in ABOUT_A_HINGE else ():
+    for angle in _SHOWN_ANGLES if upright_hinge else ():
         sine, cosine = math.sin(angle), math.cos(angle)
         along = cosine * to_lock + door.swing_sign * sine * axes[:, 0]
         leaf.append(hinge + (door.radius + door.leaf.backset) * along)

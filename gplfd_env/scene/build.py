@@ -15,7 +15,7 @@ from typing import Final
 import mujoco
 
 from gplfd_env.conventions.constants import Array, Control
-from gplfd_env.doors.config import DoorConfig, Latch, held_radius
+from gplfd_env.doors.config import MOTIONS, DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import GRIPS, Hold, add_collisions, add_walls, load_robot
@@ -169,7 +169,7 @@ def _template(
         handle=structure.handle,
         latch=latch,
         motion=structure.motion,
-        hinge_side="bottom" if structure.motion == "flap" else "right",
+        hinge_side="bottom" if MOTIONS[structure.motion].level else "right",
         swing="push" if structure.handle == "touch-bar" else "pull",
         panel_mass=NOMINAL_MASS,
     )

@@ -100,13 +100,13 @@ def add_door(
     # the frame [m].
     edges = -door.radius - door.overhang, door.leaf.backset
     hinge_z, lock_z = (door.hinge_sign * (edge + door.hand_offset) for edge in edges)
-    if door.motion == "flap":
+    if door.level:
         hinge_z, lock_z = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
     _add_frame(frame, door, hinge_z, lock_z)
 
     leaf = _add_joints(spec, frame, door, robot)
     top = DOOR_HEIGHT - door.handle_height
-    if door.motion == "flap":
+    if door.level:
         _add_flap(frame, leaf, door)
     elif door.motion == "folding":
         inner = spec.body("inner_door")
@@ -157,7 +157,7 @@ def _add_joints(
     """
     links, leaf = links_of(door), frame
     origin = np.array([0.0, 0.0, -door.hinge_sign * door.hand_radius])
-    if door.motion == "flap":
+    if door.level:
         origin = np.array(links[-1].anchor)
     if door.motion == "folding":
         leaf = leaf.add_body(name="inner_door", pos=origin)

@@ -55,7 +55,7 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
     [m]. The bar is vertical, that of a flap is level. A flap also has the site
     ``leaf_axes``, whose axes are along the motion, along the hinge and away from it.
     """
-    level = door.motion == "flap"
+    level = door.level
     up = -1.0 if door.hinge_side == "top" else 1.0
     reach = (up if level else door.hinge_sign) * door.radius
 

@@ -6,6 +6,7 @@ from typing import Final
 import mujoco
 
 from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.config import MOTIONS
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import (
@@ -79,7 +80,7 @@ def add_sensors(
     add("handle_pos", "FRAMEPOS", _SITE, "handle", "task_frame")
     add("hand_on_handle", "FRAMEPOS", _SITE, "hand", "handle")
     turning = structure.handle != "bar"
-    level = structure.motion == "flap"
+    level = MOTIONS[structure.motion].level
     add_axes("handle", "leaf_axes" if turning or level else "handle")
     for side, finger in zip(SIDES, robot.fingers, strict=True):
         touching = mujoco.mjtObj.mjOBJ_GEOM, f"{side}_finger_pad"

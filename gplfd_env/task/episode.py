@@ -164,9 +164,8 @@ class Episode:
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
         hold, command, config = robot
-        level = door.motion == "flap"
         reader = Reader.of(
-            hold, command.control, config, door.handle, door.swing, level=level
+            hold, command.control, config, door.handle, door.swing, level=door.level
         )
         rest = command.resting(variation, config)
         holds = variation.standoff is None

@@ -78,7 +78,7 @@ def door_frame(
         path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
         width = door.fold_distance if door.motion == "folding" else door.radius
         far = [0.0, 0.0, -side * width]
-        if door.motion == "flap":
+        if door.level:
             far = list(links_of(door)[-1].anchor)
         leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
     position, rotation = task_frame(model)

@@ -70,8 +70,8 @@ class View:
     normal: Float[np.ndarray, " 3"]
 
     @classmethod
-    def of(cls, data: mujoco.MjData, camera: str, aspect: float, motion: str) -> "View":
-        """Return the view of a scene's camera; `motion` is that of the door's leaf."""
+    def of(cls, data: mujoco.MjData, camera: str, aspect: float, level: bool) -> "View":
+        """Return the view of a scene's camera; `level`: the door has a level hinge."""
         task, seen = data.site("task_frame"), data.camera(camera)
         to_task = task.xmat.reshape(3, 3).T
         fovy = float(data.model.camera(camera).fovy[0])
@@ -80,8 +80,7 @@ class View:
             position=to_task @ (seen.xpos - task.xpos),
             axes=to_task @ seen.xmat.reshape(3, 3),
             extent=(aspect * height, height),
-            # The hinge of a flap is horizontal, other hinges are vertical.
-            normal=np.array([0.0, 0.0, 1.0] if motion == "flap" else [0.0, 1.0, 0.0]),
+            normal=np.array([0.0, 0.0, 1.0] if level else [0.0, 1.0, 0.0]),
         )
 
     def point(

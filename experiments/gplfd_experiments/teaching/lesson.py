@@ -41,7 +41,7 @@ class Lesson(ABC):
 
     def __init__(self, task: EpisodeTask, *, drawn: bool) -> None:
         self.task, self.door = task, DoorConfig(**task.door_config)
-        self._camera = "overview" if self.door.motion == "flap" else "top"
+        self._camera = "overview" if self.door.level else "top"
         self._made = make_environment(
             task,
             self.control,
@@ -58,7 +58,7 @@ class Lesson(ABC):
         """Close the door and delete the recording."""
         self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
         aspect = SIZE[0] / SIZE[1]
-        self.view = View.of(self._env.data, self._camera, aspect, self.door.motion)
+        self.view = View.of(self._env.data, self._camera, aspect, self.door.level)
         self.over, self._inputs, self._rows = "", list[Any](), list[Any]()
         self.spring = self._begin()
         self._note()

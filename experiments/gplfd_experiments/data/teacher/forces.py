@@ -120,7 +120,7 @@ def inertia_and_gravity(
     ]
     for moving, low, high, x, mass in [*parts, (links, 0.0, 0.0, 0.0, _HANDLE_MASS)]:
         centre, middle = np.zeros((angles.size, 6)), 0.5 * (low + high)
-        if door.motion == "flap":
+        if door.level:
             centre[:, :2] = x, -math.copysign(1.0, links[0].anchor[1]) * middle
         else:
             centre[:, 0], centre[:, 2] = x, door.hinge_sign * middle
