@@ -21,8 +21,8 @@ from gplfd_experiments.analysis.report.document import (
 )
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
+    COLUMNS,
     EPISODE_MEASURES,
-    WALL_TIME,
     Runs,
     by_door_kind,
     closed_because,
@@ -46,27 +46,6 @@ from gplfd_experiments.files.table import Table
 Episodes = Sequence[EpisodeResult]
 
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
-_COLUMNS: Final = (
-    ("time_to_60_deg", "time_to_30_deg"),
-    ("force_tangential_peak", "force_tangential_p95"),
-    ("force_radial_peak", "force_radial_p95"),
-    ("force_handle_peak", "door_acceleration_peak"),
-    *(("slip_max_mm",), ("work",), ("prediction_error_position",)),
-    *(("stability_margin_translation",), ("latency_median_ms",), (WALL_TIME,)),
-)
-"""Metrics of the columns with medians; the first is above the second."""
-_DISTURBED: Final = (
-    ("person_force_peak", "person_force_sustained"),
-    ("stop_force_peak", "stop_force_sustained"),
-    ("push_displacement_mm",),
-    ("release_speed", "recovery_time"),
-)
-"""The same for effects of a disturbance, if there was one."""
-_TESTED: Final = (
-    *("force_radial_peak", "force_radial_p95", "force_tangential_peak"),
-    *("force_tangential_p95", "time_to_60_deg"),
-)
-"""Measures with a paired test, besides the opened doors."""
 
 
 def _rate(succeeds: Callable[[EpisodeResult], bool], episodes: Episodes) -> str:
@@ -201,8 +180,12 @@ def _columns(episodes: Episodes) -> list[Column]:
 
     disturbed = [episode for episode in episodes if episode.task.disturbance != "none"]
     metrics = [
-        *_COLUMNS,
-        *(pair for pair in _DISTURBED if any(e.number(pair[0]) for e in disturbed)),
+        *COLUMNS["episodes"],
+        *(
+            pair
+            for pair in COLUMNS["disturbed"]
+            if any(e.number(pair[0]) for e in disturbed)
+        ),
     ]
     failures = sorted({episode.failure for episode in episodes if not episode.solved})
     ever = "door angle ever reached"
@@ -234,7 +217,7 @@ def paired_tests(title: str, runs: Runs, reference: str) -> Block:
         return Text(f"There is nothing to compare {code(reference)} with.")
     cells: dict[str, list[str]] = {other: [] for other in others}
     columns = ["against", "opened to 60°"]
-    for measure in (None, *(EPISODE_MEASURES[name] for name in _TESTED)):
+    for measure in (None, *(EPISODE_MEASURES[name] for (name,) in COLUMNS["tested"])):
         columns += [measure.column] if measure else []
         values = {
             policy: {
