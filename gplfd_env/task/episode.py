@@ -1,6 +1,7 @@
 """Episodes of one simulation and of many: circumstances, progress, outcome."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple, TypeVar
@@ -37,6 +38,7 @@ from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.handle import GAP, PLAY
 from gplfd_env.simulation.command import NO_EXTRA_INPUTS, Command, ExtraInputs
 from gplfd_env.simulation.single import Robot
+from gplfd_env.spatial.se3 import canonical_rotvec
 from gplfd_env.task.draw import DelayLine, NoiseSource, SampledEpisode
 from gplfd_env.task.info import INFO, TEXTS, VECTORS
 from gplfd_env.task.intervention import Intervention
@@ -339,7 +341,10 @@ class Episode:
             observation["ee_twist"][of_row][..., :3] -= intervention.base_velocity
         for row, noise in self._noises.items():
             of_row = self._index_of(row)
-            observation["ee_pose"][of_row] += noise.sample[:6]
+            pose = observation["ee_pose"][of_row]
+            pose += noise.sample[:6]
+            if float(pose[3:] @ pose[3:]) > math.pi**2:
+                pose[3:] = canonical_rotvec(pose[3:])
             observation["wrench"][of_row] += noise.sample[6:]
         return observation
 

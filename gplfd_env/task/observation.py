@@ -40,6 +40,8 @@ Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Sensor values: a list for one simulation, or an array (number, n)."""
 
+_WIDTHS: Final = (-0.01, GRIPPER_WIDTH + 0.01)
+"""Range of the measured width [m], at whose ends the sensor saturates."""
 _TOUCHING: Final = slice(17, 19)
 """Slice of a door's readings: whether right and left finger touch the handle."""
 
@@ -68,8 +70,7 @@ def observation_space(
         entries["base_pose"] = box((100.0, 2), (1e3, 1))
         entries["base_velocity"] = box((1e4, 3))
     if command.grips:
-        # Fingers stop softly.
-        width = spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64)
+        width = spaces.Box(*_WIDTHS, (1,), np.float64)
         entries["gripper_width"] = width
         entries["grasped"] = spaces.Box(0.0, 1.0, (1,), np.float64)
     space: spaces.Space[Any] = spaces.Dict(entries)
@@ -168,7 +169,8 @@ class Reader:
             observation["base_velocity"] = base[..., 3:].copy()
         if command.grips and self.finger is not None:
             touching = sensordata[..., self.door][..., _TOUCHING] > 0.0
-            observation["gripper_width"] = 2.0 * sensordata[..., self.finger]
+            width = 2.0 * sensordata[..., self.finger]
+            observation["gripper_width"] = width.clip(*_WIDTHS)
             observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
         return observation
 

@@ -69,6 +69,26 @@ def test_the_true_arc_opens_randomized_doors(name, n, make_vec, opening_poses):
     assert success.mean() >= 0.95
 
 
+# --- Spaces --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("id", "settings", "sensor", "reading"),
+    [
+        (IDS[0], {"randomization": NOISE}, "ee_pose", (0, 0, 0, 3.1415, 0, 0)),
+        (gplfd_env.GRIPPER_ENVIRONMENT_ID, {}, "finger", (0.06,)),
+    ],
+    ids=["a half turn with noise", "a finger beyond its stop"],
+)
+def test_observations_are_within_their_space(make_env, id, settings, sensor, reading):
+    env = make_env(id=id, **settings).unwrapped
+    for seed in range(20):
+        env.reset(seed=seed)
+        sensed = env._sensed.copy()
+        sensed[getattr(env._episode.reader, sensor)] = reading
+        assert env.observation_space.contains(env._episode.observation(sensed))
+
+
 # --- Noise ---------------------------------------------------------------------------
 
 
