@@ -53,9 +53,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             `gplfd_env.doors.disturbance.DISTURBANCES`, a mapping of `Disturbance`
             fields, or a `Disturbance`.
         reward: ``"dense"`` or ``"sparse"`` (1 on success, else 0).
-        robot: ``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of a .json
-            with the arguments of `gplfd_env.robot.urdf.robot_of_urdf`, or a
-            `RobotConfig`.
+        robot: ``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of the
+            URDF of an arm or of a .json with the arguments of
+            `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`.
         base: ``"fixed"``, or ``"mobile"``: the base follows the hand
             (`gplfd_env.robot.whole_body`) and collides with door and walls. None for
             the base of the robot's configuration, ``"fixed"`` for the named robots.

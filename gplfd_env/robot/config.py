@@ -136,7 +136,7 @@ class RobotConfig:
     capsules: tuple[Capsule, ...]
     """Collision geometry of a mobile robot, without its fingers."""
     stances: tuple[tuple[StanceGroup, Stance], ...]
-    """Stances for groups of doors."""
+    """Stances for groups of doors; they are searched if there are none."""
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, ("fixed", "mobile"))
@@ -160,6 +160,10 @@ class RobotConfig:
         for doors, stance in self.stances:
             if doors == group:
                 return stance
+        if not self.stances:
+            from gplfd_env.robot.search import searched_stance
+
+            return searched_stance(self, group)
         advice = '; give base="mobile"' if self.base == "fixed" else ""
         raise ValueError(
             f"the robot {self.name} has no posture for a door with "

@@ -14,7 +14,7 @@ from gplfd_env.robot.urdf import arm_of_urdf, robot_of_urdf
 from gplfd_env.validation.named import nearest_name
 
 RobotSpec = str | os.PathLike[str] | RobotConfig
-"""Name of a robot, path of a .json with the arguments of
+"""Name of a robot, path of the URDF of an arm, path of a .json with the arguments of
 `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
 
 _ARMS: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -55,11 +55,13 @@ def _named(name: str) -> RobotConfig:
     if name in _ARMS:
         arm = arm_of_urdf(name=name, **_ARMS[name])
         return replace(arm, stances=tabulated_stances(name))
+    if name.endswith(".urdf"):
+        return robot_of_urdf(name)
     if not name.endswith(".json"):
         raise ValueError(
             f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
-            f"{', '.join(ROBOTS)}, a .json with path (of a URDF), home and so on, or a "
-            "RobotConfig"
+            f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), tool and so "
+            "on, or a RobotConfig"
         )
     file = Path(name)
     try:
@@ -70,6 +72,6 @@ def _named(name: str) -> RobotConfig:
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(
             f"{name} does not describe a robot: {error}; it must be an object with "
-            "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, home, "
-            "tool, fingers and grasp_point"
+            "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
+            "fingers, grasp_point and home"
         ) from error

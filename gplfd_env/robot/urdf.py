@@ -41,15 +41,19 @@ _TILT: Final = math.radians(30.0)
 
 
 def robot_of_urdf(
-    path: str | os.PathLike[str], home: Sequence[float], **description: Any
+    path: str | os.PathLike[str],
+    home: Sequence[float] | None = None,
+    **description: Any,
 ) -> RobotConfig:
-    """Make a robot that holds every closed door at its home posture.
+    """Make a robot from the URDF of an arm.
 
     Args:
         path: The URDF of an arm.
         home: Joint positions of the arm that hold an upright bar with a level approach
             [rad]: the robot is placed so that they hold the closed handle. A lever is
-            held with the last joint turned by 90°, away from its limits.
+            held with the last joint turned by 90°, away from its limits. By default
+            place and posture are searched for each group of doors
+            (`gplfd_env.robot.search`).
         description: Further arguments of `arm_of_urdf`.
 
     Raises:
@@ -64,6 +68,8 @@ def robot_of_urdf(
             "needs a mass and an inertia, and a name that neither the stand nor the "
             "generic gripper has"
         ) from error
+    if home is None:
+        return robot
     data, arm, tool = mujoco.MjData(model), arm_addresses(model, robot), robot.tool
     low, high = np.array([model.joint(name).range for name in robot.arm]).T
     posture = np.array(home, dtype=np.float64)

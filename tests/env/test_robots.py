@@ -61,6 +61,24 @@ def test_an_arm_opens_a_door_within_its_limits(
     assert np.all(efforts > 0.0), "joint efforts are limited as in the URDF"
 
 
+@pytest.mark.parametrize("door", ["small", "medium", "large"])
+def test_a_searched_stance_serves_the_whole_opening(door, start_env, opening_poses):
+    env = start_env(door, id=ENVIRONMENT_ID, robot=UR5E)
+    low, high = env.model.jnt_range[
+        [env.model.joint(name).id for name in robot_named(UR5E).arm]
+    ].T
+    for pose in opening_poses(env.door_geometry, 70.0, 6.0):
+        observation, _, ended, _, info = env.step(pose)
+        assert abs(info["force_radial"]) < 5.0
+        margin = np.minimum(
+            observation["joint_pos"] - low, high - observation["joint_pos"]
+        )
+        assert margin.min() > 0.05
+        if ended:
+            break
+    assert info["success"]
+
+
 @pytest.mark.parametrize("robot", ARMS)
 def test_the_hand_holds_the_handle_at_rest_and_weighs_nothing(robot):
     env = gym.make(ENVIRONMENT_ID, robot=robot, door="medium")

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.conventions.assets import asset_path
@@ -184,3 +187,36 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     assert 0.0 < run.effort_share[1] < 1.0
     assert run.joint_margin[0] in robot_named("ur5e-like").arm
     assert run.stiffness == pytest.approx(500.0, rel=0.05)
+
+
+def test_a_dry_run_stands_where_the_frame_says(skill_file):
+    """In the base frame the hand begins at the handle and is pulled along its x."""
+    axes = Rotation.from_euler("z", -0.3) * Rotation.from_quat(
+        [0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0]
+    )
+    frame = (0.9, -0.1, 0.2, *axes.as_quat(scalar_first=True))
+    run = dry_run(skill_file, "gp", "ur5e-like", "small", frame)
+    assert (run.base, run.ended) == ("fixed", "opened")
+    np.testing.assert_allclose(run.hand[0, :2], frame[:2], atol=2e-3)
+    along = axes.inv().apply(run.hand - run.hand[0])
+    # The door of 0.35 m, hinged at z = -0.35 of the task frame.
+    distances = np.hypot(along[:, 0], along[:, 2] + 0.35)
+    np.testing.assert_allclose(distances, 0.35, atol=0.01)
+    # The stand lifts the base, 0.16 m below the first joint, to 0.2 m below the handle.
+    assert run.arms[0, 0, 2] == pytest.approx(0.85 - 0.2 + 0.1625, abs=2e-3)
+
+
+def test_a_frame_out_of_reach_says_where_it_is_in_reach(skill_file, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "a.json"), "--robot", "ur5e-like", "--door", "small"]
+
+    def status_at(position):
+        pose = ",".join(map("{:.3f}".format, position)) + ",0,0,0.7071068,0.7071068"
+        return cli.main(["export", str(skill_file), *out, f"--frame={pose}"])
+
+    far = np.array([1.3, 0.3, 0.2])
+    assert status_at(far) == cli.BAD_INPUT
+    assert list(tmp_path.iterdir()) == []
+    message = capsys.readouterr().err
+    shift = re.search(r"stays \[(.*)\] m of", message)[1].split(",")
+    # A little more than it says, where the arm is stretched.
+    assert status_at(far - 1.5 * np.array(shift, dtype=float)) == 0

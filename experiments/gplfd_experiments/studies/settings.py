@@ -64,8 +64,8 @@ class StudySettings:
     and first reaches for it."""
 
     robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .json that
-    describes an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
+    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .urdf or
+    .json of an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
 
     skill: bool = True
     """Also run learning tests: each policy predicts left-out demonstrations of

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,11 +16,14 @@ from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.robot.placement import base_for
 from gplfd_env.robot.robots import RobotSpec, robot_named
+from gplfd_env.robot.search import at_frame
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.catalogue import method_and_skill
 
+_APART: Final = 10  # Number of samples between two poses that are checked for reach.
 _POSTURES: Final = 6  # Of the arm in the picture.
 _WORKSPACE: Final = 4000  # Random postures that show the workspace in the picture.
 
@@ -63,17 +66,32 @@ class DryRun:
         ]
 
 
-def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
+def dry_run(
+    skill: Path,
+    policy: str,
+    robot: RobotSpec,
+    door: str,
+    frame: Sequence[float] | None = None,
+) -> DryRun:
     """Play the commanded path of a skill with a robot at a door, without adaptation.
 
-    The arguments are those of `gplfd export`. The robot stands where its own posture
-    holds the handle. Raises a ValueError if it cannot, or a name is unknown.
+    The arguments are those of `gplfd export`. The base stands where ``frame`` says;
+    None for the robot's own stance. Raises a ValueError if the arm does not reach the
+    path from there, or a name is unknown.
     """
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(method.open_loop(CONTROL_PERIOD).follow(learned))
-    body = body.on(base_for(config, body))
+    if frame is None:
+        body = body.on(base_for(config, body))
+    else:
+        if not body.stand:
+            config = replace(config, handle_height=float(frame[2]))
+        task = np.array([*frame[:3], *rotvecs_from_quaternions((frame[3:],))[0]])
+        until = learned.aligned.end * learned.aligned.duration
+        some = np.flatnonzero(path.times <= until)[::_APART]
+        body = at_frame(body, config, task, path.path[some], path.times[some])
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
     )

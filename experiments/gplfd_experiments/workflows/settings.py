@@ -30,8 +30,8 @@ class EpisodeSettings:
     in front of it and first reaches for it."""
 
     robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .json that
-    describes an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
+    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .urdf or
+    .json of an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
 
     demonstrations_per_door: int = 2
     """Number of demonstrations by the synthetic human on each of the three

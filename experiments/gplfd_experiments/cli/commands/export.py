@@ -47,10 +47,10 @@ class Export:
     """Policy whose stiffness law is used; the policy that learned the skill."""
 
     robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
-    """Also simulate the motion with this robot in its own stance; print the expected
+    """Also simulate the motion with this robot, placed by --frame; print the expected
     force, speed, stiffness and joint margins, and draw the path in the robot's
-    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, or a .json with
-    the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a
+    .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
@@ -70,7 +70,7 @@ class Export:
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
         if self.robot is not None:
-            run = dry_run(self.skill, self.policy, self.robot, self.door)
+            run = dry_run(self.skill, self.policy, self.robot, self.door, self.frame)
         path, about = export_skill(
             self.skill, outs, self.policy, self.rate, self.frame, self.tool
         )

@@ -106,8 +106,8 @@ class Trials:
     """Folder to write to; an unfinished study in it is resumed."""
 
     robot: str = "tiago-like"
-    """Robot that opens the doors: tiago-like, panda-like, ur5e-like, or a .json that
-    describes an arm."""
+    """Robot that opens the doors: tiago-like, panda-like, ur5e-like, or a .urdf or
+    .json of an arm."""
 
     where: Where = ON_THIS_MACHINE
 
