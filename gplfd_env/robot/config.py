@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -136,7 +137,9 @@ class RobotConfig:
     capsules: tuple[Capsule, ...]
     """Collision geometry of a mobile robot, without its fingers."""
     stances: tuple[tuple[StanceGroup, Stance], ...]
-    """Stances for groups of doors; they are searched if there are none."""
+    """Stances for groups of doors."""
+    search: Callable[["RobotConfig", StanceGroup], Stance] | None = None
+    """Finds the stance for another group of doors."""
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, ("fixed", "mobile"))
@@ -160,10 +163,8 @@ class RobotConfig:
         for doors, stance in self.stances:
             if doors == group:
                 return stance
-        if not self.stances:
-            from gplfd_env.robot.search import searched_stance
-
-            return searched_stance(self, group)
+        if self.search is not None:
+            return self.search(self, group)
         advice = '; give base="mobile"' if self.base == "fixed" else ""
         raise ValueError(
             f"the robot {self.name} has no posture for a door with "

@@ -15,10 +15,11 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from gplfd_env.conventions.constants import Array
+from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.config import BASE_RADIUS, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
@@ -120,13 +121,13 @@ class _Chain(NamedTuple):
 
     def follow(
         self, tries: "_Tries", path: Array, what: Sequence[str]
-    ) -> tuple[Array, Array]:
+    ) -> tuple[npt.NDArray[np.intp], Array]:
         """Follow a path of the hand in the task frame, (T, 6) [m, rad].
 
         Returns the indices of the tries that follow it and their scores [m]. Raises a
         ValueError that says where and why all others fail if there is none.
         """
-        rows, postures = np.arange(len(tries.yaws)), tries.postures
+        rows, postures = np.arange(len(tries.yaws), dtype=np.intp), tries.postures
         scores = np.full(len(rows), np.inf)
         for number, (pose, moment) in enumerate(zip(path, what, strict=True)):
             places, frames = tries.poses(pose)
@@ -233,13 +234,13 @@ def _spread(chain: _Chain, group: StanceGroup) -> _Tries:
     )
 
 
-def _clear(tries: _Tries, group: StanceGroup, radius: float) -> Array:
+def _clear(tries: _Tries, group: StanceGroup, radius: float) -> Mask:
     """Return whether the base is clear of the closed door and of the opening leaf."""
     cosine, sine = np.cos(tries.yaws), np.sin(tries.yaws)
     x, y = tries.handles[:, :2].T
     # The base in the task frame: in front of the door, and to the left.
     ahead, left = cosine * x + sine * y, sine * x - cosine * y
-    clear = ahead > BASE_RADIUS
+    clear: Mask = ahead > BASE_RADIUS
     if group.swing == "pull":
         away = left + radius if group.hinge_side == "right" else radius - left
         for angle in np.linspace(0.0, _OPENED, 10):

@@ -27,6 +27,7 @@ from gplfd_env.robot.config import (
 )
 from gplfd_env.robot.description import described_robot, read_urdf, urdf_path
 from gplfd_env.robot.placement import arm_addresses
+from gplfd_env.robot.search import searched_stance
 
 _GRIPPER_REACH: Final = 0.16
 """Distance of the grasped point from the flange of the generic gripper [m]."""
@@ -69,7 +70,7 @@ def robot_of_urdf(
             "generic gripper has"
         ) from error
     if home is None:
-        return robot
+        return replace(robot, search=searched_stance)
     data, arm, tool = mujoco.MjData(model), arm_addresses(model, robot), robot.tool
     low, high = np.array([model.joint(name).range for name in robot.arm]).T
     posture = np.array(home, dtype=np.float64)
