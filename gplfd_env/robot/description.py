@@ -4,6 +4,7 @@ Collision geometry of the URDF is left out: only finger pads touch a handle, and
 capsules replace the links of a mobile robot.
 """
 
+import logging
 import math
 import warnings
 import xml.etree.ElementTree as ET
@@ -173,11 +174,13 @@ def _origin(place: Array, axes: Array) -> dict[str, str]:
 def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
     """Return the meshes of a URDF: link, fields of MuJoCo's mesh, fields of its geom.
 
-    A file that cannot be read, or contains no mesh, is left out with a warning.
+    A file that cannot be read, or contains no mesh, is left out. One warning names
+    the first.
     """
     import trimesh
 
-    meshes, urdf = [], read_urdf(path)
+    logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh
+    meshes, urdf, absent = [], read_urdf(path), list[str]()
     for link in urdf.robot.links:
         for number, visual in enumerate(link.visuals):
             mesh = visual.geometry.mesh
@@ -194,9 +197,7 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 if len(shape.vertices) < 4:  # which MuJoCo refuses
                     raise ValueError("it holds no mesh")
             except Exception as error:  # trimesh's loaders raise all kinds
-                warnings.warn(
-                    f"the robot is drawn without {mesh.filename}: {error}", stacklevel=2
-                )
+                absent.append(f"{mesh.filename}: {error}")
                 continue
             name = f"{link.name}_{number}"
             pose = np.eye(4) if visual.origin is None else visual.origin
@@ -215,4 +216,7 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 "inertia": mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             }
             meshes.append((link.name, fields, geom))
+    if absent:
+        more = f"; likewise {len(absent) - 1} more" if absent[1:] else ""
+        warnings.warn(f"the robot is drawn without {absent[0]}{more}", stacklevel=2)
     return tuple(meshes)

@@ -142,7 +142,7 @@ def described(tmp_path, text):
     return path
 
 
-def test_meshes_are_drawn_and_a_missing_one_is_told(tmp_path):
+def test_meshes_are_drawn_and_missing_ones_are_told_once(tmp_path, caplog):
     text = UR5E.read_text()
     geometry = text[text.index("<geometry>") : text.index("</geometry>") + 11]
     mesh = '<geometry><mesh filename="part.stl" scale="2 2 2"/></geometry>'
@@ -153,9 +153,12 @@ def test_meshes_are_drawn_and_a_missing_one_is_told(tmp_path):
     assert_allclose(np.ptp(model.mesh_vert, axis=0).sum(), 1.2, rtol=1e-6)
     (tmp_path / "other").mkdir()
     mesh = mesh.replace("part", "no")
-    other = described(tmp_path / "other", text.replace(geometry, mesh, 1))
-    with pytest.warns(UserWarning, match=r"drawn without no\.stl: no such file"):
+    another = mesh.replace("no", "none")
+    text = text.replace(geometry, f"{mesh}</visual><visual>{another}", 1)
+    other = described(tmp_path / "other", text)
+    with pytest.warns(UserWarning, match=r"drawn without no\.stl: .*; likewise 1 more"):
         robot_of_urdf(other, HOME)
+    assert not caplog.records
 
 
 def test_a_file_describes_a_robot(tmp_path):

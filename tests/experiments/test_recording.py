@@ -385,6 +385,18 @@ def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them(columns):
     np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
 
 
+MESH = """
+<mujoco><asset><mesh name="m" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/></asset><worldbody>
+  <body name="arm"><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>
+"""
+
+
+def test_a_body_of_meshes_alone_sends_no_empty_chunk():
+    """Rerun drops such chunks with a warning each."""
+    chunks = [*drawn_scene(mujoco.MjModel.from_xml_string(MESH))]
+    assert [chunk.entity_path for chunk in chunks][1:] == ["/world/scene/arm/mesh_0"]
+
+
 SLIDES = """
 <mujoco><worldbody>
   <body name="a"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body>
