@@ -1,6 +1,8 @@
 import math
 import os
 import sys
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -283,6 +285,23 @@ def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path):
         if "PlotLegend:visible" in batch.schema.names
     ]
     assert legends == [[False]] * 20
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_full_disk_is_an_error_that_names_the_file(
+    make_log, door_model, tmp_path, monkeypatch
+):
+    """Rerun's own thread for files hangs or ends there, by how much was written."""
+    path = tmp_path / "episode.rrd"
+
+    def full(self: Path, **_: Any) -> None:
+        self.symlink_to("/dev/full")
+
+    monkeypatch.setattr(Path, "touch", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        record_episode(path, make_log(), door_model, [])
+    assert caught.value.filename == str(path)
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")

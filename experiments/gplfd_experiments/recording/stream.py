@@ -1,6 +1,5 @@
 """Writes a recording: the chunks that it is made of, its layout and its file."""
 
-import errno
 import functools
 import os
 import tempfile
@@ -26,8 +25,6 @@ TEXT: Final = "/about"
 _APPLICATION: Final = "gplfd"  # The viewer groups recordings and keeps layouts by it.
 _TIMELINE: Final = "sim_time"  # Simulated time since reset.
 _FRAMES_PER_SECOND: Final = 30.0
-# Bytes before the last four bytes of a recording, which are its version.
-_END: Final = b"RRF2FOOT"
 
 
 def frames(log: EpisodeLog) -> NDArray[np.intp]:
@@ -66,30 +63,25 @@ def write_recording(
     """
     # Rerun keeps threads of finished recordings until this function is called.
     bindings.flush_and_cleanup_orphaned_recordings()
+    # Data is sent in whole chunks, so batching is not needed.
+    batcher = rr.ChunkBatcherConfig.NEVER()
+    stream = rr.RecordingStream(_APPLICATION, batcher_config=batcher)
+    stream.set_log_time_enabled(False)  # Wall-clock times are irrelevant.
+    try:
+        # In memory, because Rerun's thread for a file hangs or ends on a full disk.
+        recording = stream.memory_recording().storage
+        source = _blueprint_source(os.getpid())
+        blueprint = source.memory_recording().storage
+        source.send_chunks(_layout(views))
+        native = stream.to_native()
+        bindings.send_blueprint(blueprint, False, True, recording=native)
+        stream.send_recording_name(name)
+        stream.send_chunks(chunks)
+        content = recording.drain_as_bytes()
+    finally:
+        stream.disconnect()
     with complete_or_absent(path) as temporary:
-        # Data is sent in whole chunks, so batching is not needed.
-        batcher = rr.ChunkBatcherConfig.NEVER()
-        stream = rr.RecordingStream(_APPLICATION, batcher_config=batcher)
-        stream.set_log_time_enabled(False)  # Wall-clock times are irrelevant.
-        try:
-            # `stream.save` makes a blueprint with two threads that are never ended.
-            source = _blueprint_source(os.getpid())
-            blueprint = source.memory_recording().storage
-            source.send_chunks(_layout(views))
-            recording = stream.to_native()
-            bindings.save(str(temporary), blueprint, recording=recording)
-            stream.send_recording_name(name)
-            # Chunks are made one by one while the previous one is written.
-            stream.send_chunks(chunks)
-            stream.flush()
-        finally:
-            stream.disconnect()
-        # Rerun only logs write errors, so check the end of the file.
-        with temporary.open("rb") as written:
-            written.seek(-min(len(_END) + 4, temporary.stat().st_size), os.SEEK_END)
-            if not written.read().startswith(_END):
-                message = "cannot be written to its end; is the disk full?"
-                raise OSError(errno.EIO, message)
+        temporary.write_bytes(content)
 
 
 def _layout(views: rrb.Container) -> tuple[Chunk, ...]:
