@@ -121,6 +121,40 @@ def test_samples_out_of_order_repeated_and_missing():
     assert "3 samples with a repeated time stamp left out" in said
 
 
+@pytest.mark.parametrize("late", [0.0, -40.0, 1e6])
+def test_a_clock_that_restarts_divides_the_recording(late):
+    """Also with jitter; a few samples alone are left out."""
+    whole = some(RAW, np.r_[7:10, 0:201, 200:401])
+    times = np.r_[late + 1e7 + TIMES[7:10], TIMES[:201] + late, TIMES[:201] + late]
+    times[204:] -= 1e-3 * (np.arange(201) % 3)
+    motions = prepare([replace(whole, times=times)], AS_RECORDED)
+    assert [len(motion.demonstration.times) for motion in motions] == [201, 201]
+    for motion, span in zip(motions, ("4 to 204", "205 to 405"), strict=True):
+        said = f"samples {span}, because the clock restarts"
+        assert said in texts(motion, warnings=True)
+    (motion,) = prepare(
+        [replace(whole, times=times)], replace(AS_RECORDED, recorded_rate=RATE)
+    )
+    assert len(motion.demonstration.times) == 405
+    assert "its time stamps replaced: 200 Hz" in texts(motion, warnings=True)
+
+
+def test_time_stamps_that_are_coarse_are_noticed():
+    coarse = replace(RAW, times=np.floor(TIMES * 20.0) / 20.0)
+    said = "which moved: time stamps are coarse; say --recorded-rate 200"
+    assert said in texts(only(coarse), warnings=True)
+    # A program that stores the same sample again loses nothing.
+    again = some(RAW, np.repeat(np.arange(401), 3))
+    assert "802 samples with a repeated" in texts(only(again), warnings=False)
+
+
+def test_the_same_motion_again_is_named():
+    other = replace(RAW, positions=1e3 * POSITIONS, unit="mm", times=TIMES + 5.0)
+    motions = prepare([RAW, door(angle=1.1), other], AS_RECORDED)
+    noted = [texts(motion, warnings=True) for motion in motions]
+    assert noted == ["", "", "the same motion as 0: leave it out"]
+
+
 def test_signs_of_quaternions_do_not_matter():
     signs = np.where(np.arange(len(RAW.positions)) % 7 < 3, -1.02, 0.98)
     motion = only(replace(RAW, quaternions=RAW.quaternions * signs[:, None]))

@@ -104,7 +104,10 @@ def write_mvnx(path: Path) -> None:
         '<mvnx version="4" xmlns="http://www.xsens.com/mvn/mvnx">\n'
         f'<subject label="a" frameRate="{RATE:g}" segmentCount="2">\n'
         '<segments><segment label="Pelvis" id="1"/><segment label="RightHand" id="2"/>'
-        "</segments>\n<frames>\n" + "\n".join(frames) + "\n</frames></subject></mvnx>\n"
+        '</segments><fingerTrackingSegmentsLeft><segment label="LeftCarpus" id="1"/>'
+        "</fingerTrackingSegmentsLeft>\n<frames>\n"
+        + "\n".join(frames)
+        + "\n</frames></subject></mvnx>\n"
     )
 
 
@@ -476,6 +479,86 @@ def test_reads_every_message_with_a_pose_and_joint_states(tmp_path):
             only(bag, **selection)
 
 
+def write_messages(bag: Path, topic: str, messages: list[Any]) -> None:
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        kind = messages[0].__msgtype__
+        connection = writer.add_connection(topic, kind, typestore=STORE)
+        for time, message in enumerate(messages):
+            writer.write(connection, 10**9 + time, STORE.serialize_cdr(message, kind))
+
+
+def moved(message: Any, frame: str, shift: float) -> Any:
+    """A message in another frame."""
+    message.header.frame_id = frame
+    inner = getattr(message, "transform", None)
+    (inner.translation if inner else message.pose.position).x += shift
+    return message
+
+
+MIXED: tuple[tuple[str, Callable[[int], Any], str, str], ...] = (
+    ("/hand", TOPICS["/hand"], "base, camera", "/hand:base"),
+    ("/t", transform, "hand:base, hand:camera", "/t:hand:base"),
+    ("/tf", transform, "hand:base, hand:camera", "/tf:hand:base"),
+)
+
+
+@pytest.mark.parametrize(("topic", "make", "frames", "body"), MIXED)
+def test_frames_in_one_topic_are_asked_about(tmp_path, topic, make, frames, body):
+    messages = [
+        message
+        for place in range(N)
+        for message in (moved(make(place), "camera", 0.5), make(place))
+    ]
+    if topic == "/tf":
+        messages = [ros("tf2_msgs/TFMessage", [message]) for message in messages]
+    write_messages(tmp_path / "written", topic, messages)
+    bag = (tmp_path / "written").rename(tmp_path / "50% #1")
+    with pytest.raises(ValueError, match=f"several frames .*:FRAME, of {frames}"):
+        only(bag, body=body.removesuffix(":base"))
+    assert_allclose(only(bag, body=body).positions, POSITIONS, atol=1e-12)
+
+
+def test_joint_states_are_those_of_the_chain_since_all_were_seen(tmp_path):
+    def state(place: int, *names: str, frame: str = "base", values: int = 9) -> Any:
+        numbers = {"slide": PHASE[place], "turn": 2.0 * PHASE[place], "head": 1.0}
+        positions = np.array([numbers[name] for name in names][:values])
+        message = joints(place)
+        empty = np.zeros(0)
+        message = ros(
+            message.__msgtype__.replace("/msg/", "/"),
+            message.header,
+            list(names),
+            positions,
+            empty,
+            empty,
+        )
+        message.header.frame_id = frame
+        return message
+
+    (tmp_path / "r.urdf").write_text(URDF)
+    robot = {"urdf": tmp_path / "r.urdf", "link": "hand"}
+    mixed = [state(0, "turn"), state(1, "turn")] + [
+        message
+        for place in range(2, N)
+        for message in (state(place, "head"), state(place, "slide", "turn"))
+    ]
+    write_messages(tmp_path / "mixed", "/joint_states", mixed)
+    assert_allclose(only(tmp_path / "mixed", **robot).positions[:, 0], PHASE[2:])
+    for name, messages, problem in (
+        ("empty", [state(n, "slide", "turn", values=0) for n in range(N)], "no posi"),
+        ("head", [state(n, "head") for n in range(N)], "no joint state has slide, tu"),
+        ("cut", [state(n, "slide", "turn", values=1) for n in range(N)], "2 names and"),
+        (
+            "two",
+            [state(n, "slide", "turn", frame="ab"[n % 2]) for n in range(N)],
+            "frames or publishers a, b have joint",
+        ),
+    ):
+        write_messages(tmp_path / name, "/joint_states", messages)
+        with pytest.raises(ValueError, match=problem):
+            only(tmp_path / name, **robot)
+
+
 def test_forces_of_a_bag_are_those_of_one_topic_on_the_clock_of_the_hand(
     tmp_path, monkeypatch
 ):
@@ -515,13 +598,14 @@ def test_c3d_marks_lost_markers_and_checks_rigid_bodies(tmp_path):
     assert marker.quaternions is None
     points = file["data"]["points"]
     points[:3, 1, 3] = np.nan
+    points[:3, 1, 7] = 0.0  # as programs write it that know no missing markers
     # Markers of which one slides away by 5 cm are on no rigid body.
     points[0, 2] += np.linspace(0.0, 50.0, N)
     file["data"]["points"] = points
     file.write(str(path))
     lost = np.isnan(only(path, body="B").positions).any(axis=1)
-    assert_array_equal(np.flatnonzero(lost), [3])
-    with pytest.raises(ValueError, match=r"A, B, C keep .* of 59 .* not on a rigid"):
+    assert_array_equal(np.flatnonzero(lost), [3, 7])
+    with pytest.raises(ValueError, match=r"A, B, C keep .* of 58 .* not on a rigid"):
         only(path, body="A,B,C")
 
 
@@ -540,13 +624,29 @@ def test_bvh_follows_the_chain_of_joints(tmp_path):
         "2 0 0\nCHANNELS 3", "2 0 0\nCHANNELS 6 Xposition Yposition Zposition"
     ).replace("0 0 0 0 0 0\n90 0 0 0", "0 0 0 2 0 0 0 0 0\n90 0 0 2 0 0 0")
     about_z, about_x = (Rotation.from_euler(a, 90, degrees=True) for a in "ZX")
-    for content in (text, moving, text.replace("RightHand", "RightWrist")):
+    for content in (
+        text,
+        moving,
+        text.replace("RightHand", "RightWrist"),
+        "\ufeff" + text.replace("\n{\n", " {\n").replace("Time: ", "Time:"),
+        " ".join(text.split("\n")[:-3]) + "\n" + "\n".join(text.split("\n")[-3:]),
+    ):
         path.write_text(content)
         one = only(path)
         assert_allclose(one.positions, [[3, 0, 0], [1, 2, 0]], atol=1e-12)
         found = Rotation.from_quat(quaternions(one)[1], scalar_first=True)
         assert (found * (about_z * about_x).inv()).magnitude() < 1e-12
         assert one.unit is None
+    for content, problem in (
+        (text.replace("}\n", "", 1), "1 braces are not closed"),
+        (text.replace("}\n", "}}\n", 1), "braces or numbers lack"),
+        (text.replace("RightHand\n{", "RightHand\n"), "braces or numbers lack"),
+        (text.replace("Hips", "RightHand"), "2 joints are called RightHand"),
+        (text[:-4], "and has 11 numbers: it is cut"),
+    ):
+        path.write_text(content)
+        with pytest.raises(ValueError, match=problem):
+            only(path)
 
 
 # ------------------------------------------------------------------ tables of people

@@ -4,11 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import freeze, read_only
 
 _LISTED: Final = 30  # Largest number of names in a message.
+ROW: Final = 10
+"""Samples in a row that tell a clock that restarts from samples that come late."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,3 +95,18 @@ def chosen(
         hint = nearest_name(wanted, known)
         raise ValueError(f"{file} has no {what} {wanted!r}{hint}; it has {names}")
     return wanted, known[wanted]
+
+
+def restarts(times: FloatArray) -> list[int]:
+    """Return the indices of time stamps, (N,), at which the clock begins again.
+
+    The stamps before such an index are all later than those from it on, `ROW` of each.
+    """
+    places = np.flatnonzero(np.isfinite(times))
+    if len(places) < 2:
+        return []
+    ends = ((ROW - 1, 0), (0, ROW - 1))
+    first, last = (np.pad(times[places], end, mode="edge") for end in ends)
+    lowest = sliding_window_view(first, ROW).min(axis=1)[:-1]
+    highest = sliding_window_view(last, ROW).max(axis=1)[1:]
+    return [int(place) for place in places[1:][highest < lowest]]

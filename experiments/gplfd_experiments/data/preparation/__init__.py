@@ -15,6 +15,7 @@ from gplfd_experiments.data.preparation.samples import (
     Note,
     Notes,
     Samples,
+    of_one_clock,
     usable,
     without_spikes,
 )
@@ -60,6 +61,7 @@ def prepare(
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
     """
+    recordings = [part for raw in recordings for part in of_one_clock(raw, settings)]
     recorded = sum(len(raw.positions) for raw in recordings)
     left = max(_MOST_SAMPLES, _MOST_MADE * recorded)
     motions: list[Motion] = []
@@ -82,6 +84,12 @@ def prepare(
             raise ValueError(f"{name}: {error}") from error
     if not motions:
         raise ValueError("there is no recording")
+    first: dict[bytes, int] = {}
+    for place, motion in enumerate(motions):
+        same = first.setdefault(motion.recorded.poses.round(6).tobytes(), place)
+        if same < place:
+            again = Note(f"the same motion as {same}: leave it out", warning=True)
+            motions[place] = replace(motion, notes=(*motion.notes, again))
     if len(motions) < 4:
         return tuple(motions)
     # Report motions that are unlike the others.

@@ -6,12 +6,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.raw import ROW, RawRecording, restarts
 from gplfd_experiments.data.settings import METRES, ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
 _LEAST_USABLE: Final = 0.5  # Smallest share of usable samples.
+_LARGEST_LOST: Final = 0.05  # Share of samples with a repeated stamp that may move.
 _LARGEST_POSITION: Final = 1e9  # Larger coordinates, in any unit, count as missing.
 _LATEST: Final = 1e20  # Later times [s] count as missing.
 _MOST_STEPS: Final = 10**6
@@ -76,6 +77,34 @@ class Samples:
         return float(np.median(np.diff(self.times)))
 
 
+def of_one_clock(raw: RawRecording, settings: ImportSettings) -> list[RawRecording]:
+    """Divide a recording where its clock restarts; a few samples alone are left out."""
+    starts = [] if raw.times is None else restarts(raw.times)
+    if not starts or settings.recorded_rate is not None:
+        return [raw]
+    parts: list[RawRecording] = []
+    for rows in np.split(np.arange(len(raw.positions)), starts):
+        if len(rows) < ROW:
+            continue
+        names = ("positions", "times", "quaternions", "wrenches")
+        recorded = {name: getattr(raw, name) for name in names}
+        arrays = {n: array[rows] for n, array in recorded.items() if array is not None}
+        note = (
+            f"samples {rows[0] + 1} to {rows[-1] + 1}, because the clock restarts; "
+            "if the whole is one motion, say --recorded-rate HZ"
+        )
+        parts.append(
+            replace(
+                raw,
+                name=f"{raw.name} part {len(parts) + 1}",
+                signals={n: signal[rows] for n, signal in raw.signals.items()},
+                notes=(*raw.notes, note),
+                **arrays,
+            )
+        )
+    return parts
+
+
 def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples:
     """Return the usable samples of a motion, in metres and in order of time.
 
@@ -89,13 +118,15 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     for text in raw.notes:
         notes.warn(text)
     number, times, units = len(raw.positions), raw.times, settings.units
-    if times is None:
-        if settings.recorded_rate is None:
-            raise ValueError(
-                f"{raw.name} has no time stamps{raw.untimed or ';'} say how many "
-                "samples it has per second, --recorded-rate 100"
-            )
+    if settings.recorded_rate is not None:
+        if times is not None:
+            notes.warn(f"its time stamps replaced: {settings.recorded_rate:g} Hz")
         times = np.arange(number) / settings.recorded_rate
+    elif times is None:
+        raise ValueError(
+            f"{raw.name} has no time stamps{raw.untimed or ';'} say how many "
+            "samples it has per second, --recorded-rate 100"
+        )
     complete = np.abs(times) < _LATEST
     complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
@@ -158,7 +189,16 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
         notes.warn(f"time stamps went back {backwards} times: sorted")
     first = np.concatenate([[True], np.diff(samples.times) > 0.0])
     if repeated := np.count_nonzero(~first):
-        notes.add(f"{repeated} samples with a repeated time stamp left out")
+        text = f"{repeated} samples with a repeated time stamp left out"
+        moved = (np.diff(samples.poses, axis=0) != 0.0).any(axis=1) & ~first[1:]
+        if np.count_nonzero(moved) > _LARGEST_LOST * len(first):
+            rate = (len(first) - 1) / np.ptp(samples.times)
+            text += (
+                f", which moved: time stamps are coarse; say --recorded-rate {rate:.3g}"
+            )
+            notes.warn(text)
+        else:
+            notes.add(text)
         samples = samples[first]
     if len(samples.times) < 2:
         raise ValueError(f"{name}: all samples have the same time stamp")

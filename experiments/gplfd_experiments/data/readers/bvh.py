@@ -3,7 +3,9 @@
 The format has no unit of length. Positions in the frames replace a joint's OFFSET.
 """
 
+import re
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +18,7 @@ from gplfd_experiments.files.arrays import FloatArray
 
 _DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
 """Default joints; the first one that exists is used."""
+_MOTION: Final = re.compile(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)")
 _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
 
 
@@ -29,61 +32,71 @@ class _Joint:
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motion of a joint; errors contain the line number."""
-    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
-    joints: dict[str, _Joint] = {}
+    """Read the motion of a joint; errors of the hierarchy contain the line number."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    hierarchy, _, motion = text.partition("MOTION")
+    words = (
+        (number, word)
+        for number, text in enumerate(hierarchy.splitlines(), start=1)
+        for word in text.replace("{", " { ").replace("}", " } ").split()
+    )
+    joints: dict[str, list[_Joint]] = {}
     stack: list[_Joint] = []
-    number = width = begin = 0
+    number = width = 0
     try:
-        for number, words in enumerate(lines, start=1):
-            match words:
-                case ["ROOT" | "JOINT", *name] if name:
+        for line, word in words:
+            number = line
+            match word:
+                case "ROOT" | "JOINT" | "End":
+                    name = [part for _, part in takewhile(lambda w: w[1] != "{", words)]
                     joint = _Joint(parent=stack[-1] if stack else None)
-                    joints[" ".join(name)] = joint
+                    if word != "End":
+                        joints.setdefault(" ".join(name), []).append(joint)
                     stack.append(joint)
-                case ["End", *_]:
-                    stack.append(_Joint(parent=stack[-1]))
-                case ["}"]:
+                case "}":
                     stack.pop()
-                case ["OFFSET", x, y, z]:
-                    stack[-1].offset[:] = [float(x), float(y), float(z)]
-                case ["CHANNELS", count, *names] if int(count) == len(names):
-                    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
+                case "OFFSET":
+                    stack[-1].offset[:] = [float(next(words)[1]) for _ in range(3)]
+                case "CHANNELS":
+                    count = int(next(words)[1])
+                    names = [next(words)[1] for _ in range(count)]
+                    if not set(names) <= _CHANNELS or len(set(names)) < count:
                         raise ValueError("it names no channels, or one twice")
-                    places = range(width, width + len(names))
+                    places = range(width, width + count)
                     stack[-1].channels.update(zip(names, places, strict=True))
-                    width += len(names)
-                case ["MOTION"]:
-                    begin = number
-                    break
-                case [] | ["{"] | ["HIERARCHY"]:
+                    width += count
+                case "HIERARCHY":
                     pass
                 case _:
-                    raise ValueError(f"{' '.join(words)!r:.80} is not understood")
-        known = [name for name in _DEFAULT_JOINTS if name in joints]
-        wanted = settings.body or (known or _DEFAULT_JOINTS)[0]
-        body, joint = chosen(wanted, joints, "joint", file=path.name)
-        match [
-            (at, words) for at, words in enumerate(lines[begin:], begin + 1) if words
-        ]:
-            case [(_, ["Frames:", count]), (_, ["Frame", "Time:", period]), *rows]:
-                if len(rows) != int(count):
-                    raise ValueError(f"it has {len(rows)} frames, and says {count}")
-                frames = np.empty((len(rows), width))
-                for place, (at, words) in enumerate(rows):
-                    number = at
-                    frames[place] = list(map(float, words))
-            case _:
-                raise ValueError("after MOTION come 'Frames: N', 'Frame Time: SECONDS'")
-    except (ValueError, IndexError) as error:
-        raise ValueError(f"line {number}: {error}") from error
+                    raise ValueError(f"{word!r:.80} is not understood")
+        if stack:
+            raise ValueError(f"{len(stack)} braces are not closed before MOTION")
+    except (ValueError, IndexError, StopIteration) as error:
+        reason = str(error) if type(error) is ValueError else "braces or numbers lack"
+        raise ValueError(f"line {number}: {reason}") from error
+    known = [name for name in _DEFAULT_JOINTS if name in joints]
+    wanted = settings.body or (known or _DEFAULT_JOINTS)[0]
+    body, (joint, *others) = chosen(wanted, joints, "joint", file=path.name)
+    if others:
+        raise ValueError(f"{len(others) + 1} joints are called {body}; rename them")
+    head = _MOTION.match(motion)
+    if head is None:
+        raise ValueError("after MOTION come 'Frames: N', 'Frame Time: SECONDS'")
+    count, period = int(head[1]), float(head[2])
+    numbers = np.array(motion[head.end() :].split(), dtype=np.float64)
+    if numbers.size != count * width:
+        raise ValueError(
+            f"it says it has {count} frames of {width} numbers, and has "
+            f"{numbers.size} numbers: it is cut, or from another program"
+        )
+    frames = numbers.reshape(count, width)
     if not np.isfinite(frames).all():
         raise ValueError("a frame holds a number that is not finite")
     positions, rotations = _kinematics(joint, frames)
     return [
         RawRecording(
             name=f"{path.name}: {body}",
-            times=np.asarray(np.arange(len(frames)) * float(period)),
+            times=np.asarray(np.arange(count) * period),
             positions=positions,
             unit=None,
             quaternions=rotations.as_quat(scalar_first=True),

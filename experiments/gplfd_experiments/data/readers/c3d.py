@@ -17,6 +17,7 @@ with optional_libraries("C3D files need ezc3d", "c3d"):
     import ezc3d
 
 _UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
+_TRIAL: Final = "ACTUAL_END_FIELD", "ACTUAL_START_FIELD"
 _UNCOUNTED: Final = 2**16 - 1  # Last frame in the header of a longer file.
 _RIGID: Final = 0.01
 """Distances of markers on a rigid body are constant to this share of its size."""
@@ -42,7 +43,18 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             f"it says it has {last - first + 1} frames, and has {points.shape[2]}: it "
             "is cut"
         )
+    notes = []
+    trial = file["parameters"].get("TRIAL", {})
+    fields = [trial.get(name, {}).get("value", ()) for name in _TRIAL]
+    ends = [int(low) + 65536 * int(high) for low, high in filter(len, fields)]
+    if len(ends) == 2 and ends[0] - ends[1] >= points.shape[2]:
+        notes.append(
+            f"only {points.shape[2]} of its {ends[0] - ends[1] + 1} frames are read, "
+            "which its header counts; export it in parts"
+        )
     markers = points[:3].transpose(2, 1, 0)
+    # Programs that cannot write a missing marker write zeros.
+    markers = np.where((markers == 0.0).all(axis=2, keepdims=True), np.nan, markers)
     # Markers by their labels; by numbers if labels are missing.
     labels: list[str] = []
     for number in ("", *map(str, range(2, 20))):
@@ -71,6 +83,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             positions=positions,
             unit=_UNITS.get(unit),
             quaternions=quaternions,
+            notes=tuple(notes),
         )
     ]
 

@@ -18,6 +18,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """
     segment, rate = settings.body or "RightHand", 0.0
     labels: dict[str, int] = {}
+    of_body = False  # Gloves have lists of segments of their own.
     indices: list[int] = []
     positions: list[FloatArray] = []
     orientations: list[FloatArray] = []
@@ -25,7 +26,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         match event, element.tag.rpartition("}")[2]:
             case "start", "subject":
                 rate = float(element.get("frameRate", 0.0))
-            case "start", "segment":
+            case _, "segments":
+                of_body = event == "start"
+            case "start", "segment" if of_body:
                 label = element.get("label", "")
                 if label in labels:
                     raise ValueError(f"two segments have the label {label!r:.40}")
