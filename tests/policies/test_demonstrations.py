@@ -22,14 +22,13 @@ LINE = np.outer(np.linspace(0.0, 0.4, 5), np.eye(6)[0])
 
 
 @pytest.mark.usefixtures("as_for_users")
-def test_demonstration_is_a_read_only_float64_copy():
+def test_demonstration_is_a_float64_copy():
     times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
     recorded = Demonstration(times=times, poses=poses)
     poses[0, 0] = 9.0
     assert recorded.poses[0, 0] == 0.0
     assert recorded.times.dtype == recorded.poses.dtype == np.float64
-    with pytest.raises(ValueError, match="read-only"):
-        recorded.poses[0, 0] = 1.0
+    Rotation.from_rotvec(recorded.poses[:, 3:])  # SciPy refuses read-only arrays
 
 
 def test_from_quaternions_gives_continuous_rotation_vectors():
@@ -144,4 +143,3 @@ def test_wrenches_turn_into_the_axes_of_the_first_pose():
     assert relative.wrenches is not None
     np.testing.assert_allclose(relative.wrenches[:, :3] @ axes.T, wrenches[:, :3])
     np.testing.assert_allclose(relative.wrenches[:, 3:] @ axes.T, wrenches[:, 3:])
-    assert not relative.wrenches.flags.writeable

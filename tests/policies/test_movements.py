@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from gplfd_policies import PosePath, ViaPoint, align, fit_skill
 from gplfd_policies.adaptation import OwnAdaptation
@@ -100,12 +101,19 @@ def test_it_has_the_interface_and_says_what_it_was_learned_from(name, learned, a
 
 
 @pytest.mark.parametrize("name", FITS)
-def test_its_arrays_cannot_be_changed(name, learned):
+def test_its_arrays_work_in_scipy_and_pytorch(name, learned):
+    """SciPy refuses read-only arrays, and `torch.from_numpy` warns of them."""
     movement = learned(name)
-    for each in (movement, movement.predict(GRID)):
-        arrays = [getattr(each, field.name) for field in fields(each)]
-        arrays = [array for array in arrays if isinstance(array, np.ndarray)]
-        assert not any(array.flags.writeable for array in arrays)
+    trajectory = movement.predict(GRID)
+    Rotation.from_rotvec(trajectory.mean[:, 3:])
+    Rotation.from_rotvec(movement.aligned.poses[0, :, 3:])
+    arrays = [movement.predict(GRID).covariance]
+    for record in (movement, movement.aligned, trajectory):
+        arrays += [getattr(record, field.name) for field in fields(record)]
+    arrays = [array for array in arrays if isinstance(array, np.ndarray)]
+    assert all(array.flags.writeable for array in arrays)
+    trajectory.mean[:] = 0.0
+    assert movement.predict(GRID).mean.any()
 
 
 @pytest.mark.parametrize("name", FITS)

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
@@ -16,6 +15,7 @@ from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.files.table import Table, text_table
+from gplfd_policies.demonstrations.demonstration import turned
 from gplfd_policies.demonstrations.npz import (
     FILE,
     FIRST_POSE,
@@ -92,7 +92,6 @@ def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
         times, poses = motion.demonstration.times, motion.demonstration.poses
         before = motion.recorded
         path = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
-        turned = rotation_distance(poses[:, 3:], poses[0, 3:]).max()
         row = {
             "": str(number),
             "from": motion.name,
@@ -101,7 +100,7 @@ def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
             "kept [s]": f"{times[-1] - times[0]:.2f}",
             "samples": str(len(times)),
             "path [m]": f"{path:.3f}",
-            "turned [deg]": f"{np.degrees(turned):.1f}",
+            "turned [deg]": f"{turned(motion.demonstration):.1f}",
         }
         if forces:
             row["peak force [N]"] = ""

@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.records import freeze, read_only
+from gplfd_policies.arrays.records import own_arrays, owned
 
 _LISTED: Final = 30  # Largest number of names in a message.
 ROW: Final = 10
@@ -53,8 +53,8 @@ class RawRecording:
     def __post_init__(self) -> None:
         for name in ("positions", "times", "quaternions", "wrenches"):
             if getattr(self, name) is not None:
-                freeze(self, name)
-        signals = {name: read_only(array) for name, array in self.signals.items()}
+                own_arrays(self, name)
+        signals = {name: owned(array) for name, array in self.signals.items()}
         object.__setattr__(self, "signals", signals)
         rows = len(self.positions) if self.positions.ndim else 0
         for name, array, shape in (

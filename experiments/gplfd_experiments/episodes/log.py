@@ -27,7 +27,7 @@ KIND, VERSION = "a gplfd episode log", 1
 
 
 class _Arrays:
-    """A record whose fields are arrays; it owns them, and they are read-only."""
+    """A record whose fields are arrays; it owns them."""
 
     __slots__ = ()
 
@@ -35,7 +35,6 @@ class _Arrays:
         for name, declared in arrays_of(type(self)).items():
             dtype = np.bool_ if declared is Flag else np.float64
             array: np.ndarray = np.array(getattr(self, name), dtype)
-            array.flags.writeable = False
             object.__setattr__(self, name, array)
 
     @classmethod
@@ -204,7 +203,6 @@ class EpisodeLog:
 
     def __post_init__(self) -> None:
         times = np.array(self.times, np.float64)
-        times.flags.writeable = False
         config = MappingProxyType(dict(self.door_config))
         for name, value in (("times", times), ("door_config", config)):
             object.__setattr__(self, name, value)

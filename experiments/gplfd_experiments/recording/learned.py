@@ -85,8 +85,7 @@ def _chunks(movement: Movement, size: float, name: str) -> Iterator[Chunk]:
     }
     for entity, look in looks.items():
         yield static(f"{_SCENE}/{entity}", look)
-    # Copied, because scipy does not accept read-only arrays.
-    turns = Rotation.from_rotvec(learned.mean[:, 3:].copy()).as_quat()
+    turns = Rotation.from_rotvec(learned.mean[:, 3:]).as_quat()
     hand = rr.Transform3D.columns(translation=mean, quaternion=turns)
     yield moving(f"{_SCENE}/hand", times, hand)
 

@@ -71,7 +71,7 @@ class GriddedMovement:
         adapted = self.distribution.trajectory()
         drift = self.drift
         if not drift.any():
-            return adapted
+            return adapted[:]  # a copy, as users may write into it
         std = np.hypot(adapted.std, drift)
         growth = (drift > 0.0) * self.learned.aligned.drift
         return replace(

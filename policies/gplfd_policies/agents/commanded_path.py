@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.records import own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose
 from gplfd_policies.control.stability import rate_bound
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
@@ -44,7 +44,7 @@ class CommandedPath:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, "times", "poses", "path", "std", "stiffness")
+        own_arrays(self, "times", "poses", "path", "std", "stiffness")
         if not np.isfinite(self.poses).all():
             raise ValueError("set-points must be finite")
         for sample, axis in np.argwhere(~(self.margin > 0.0)).tolist():

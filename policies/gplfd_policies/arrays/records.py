@@ -1,4 +1,4 @@
-"""Immutable records: read-only arrays with a short repr."""
+"""Records that own their arrays, with a short repr."""
 
 import reprlib
 from dataclasses import fields
@@ -7,17 +7,26 @@ from typing import Any
 import numpy as np
 
 
+def owned(array: np.ndarray) -> np.ndarray:
+    """Return a float64 copy in C order, so that stored files are equal."""
+    return np.array(array, dtype=np.float64, order="C")
+
+
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a read-only float64 copy in C order, so that stored files are equal."""
-    copy = np.array(array, dtype=np.float64, order="C")
+    """Return a read-only copy, for settings that several policies share."""
+    copy = owned(array)
     copy.setflags(write=False)
     return copy
 
 
-def freeze(record: object, *names: str) -> None:
-    """Replace arrays of a frozen dataclass by read-only float64 copies."""
+def own_arrays(record: object, *names: str) -> None:
+    """Replace arrays of a frozen dataclass by float64 copies of its own.
+
+    Users receive these arrays. They can be written, because SciPy refuses read-only
+    arrays and PyTorch warns of them; copy before you change one.
+    """
     for name in names:
-        object.__setattr__(record, name, read_only(getattr(record, name)))
+        object.__setattr__(record, name, owned(getattr(record, name)))
 
 
 class _Shapes(reprlib.Repr):

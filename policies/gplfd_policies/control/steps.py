@@ -145,7 +145,6 @@ class AgentStep:
                 )
             if array.shape != expected:
                 array = np.full(expected, array)
-            array.setflags(write=False)
             # The empty index turns arrays without axes into NumPy scalars.
             object.__setattr__(self, name, array[()])
 

@@ -12,7 +12,7 @@ import scipy
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import freeze, read_only, short_repr
+from gplfd_policies.arrays.records import own_arrays, read_only, short_repr
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Frames, Outputs, SixAxes, Vectors
 from gplfd_policies.control.contact import HELD_HAND
@@ -197,9 +197,9 @@ class VirtualDynamics:
 
 def _check_axes(record: object, **shapes: tuple[int, ...]) -> None:
     """Make arrays read-only float64 copies; raise if shape or numbers are invalid."""
-    freeze(record, *shapes)
     for name, shape in shapes.items():
-        array = getattr(record, name)
+        array = read_only(getattr(record, name))
+        object.__setattr__(record, name, array)
         if array.shape != shape or not np.isfinite(array).all():
             where = "" if shape == (6,) else f" in each of {shape[0]} rows"
             raise ValueError(
@@ -277,7 +277,7 @@ class PhaseStiffness:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, "stiffness", "share", "direction")
+        own_arrays(self, "stiffness", "share", "direction")
 
     def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
         """Return the first direction of the frame at a phase, or the tangent."""

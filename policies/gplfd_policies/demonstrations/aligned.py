@@ -14,7 +14,8 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_steps
-from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_env.spatial.turns import REGULAR
+from gplfd_policies.arrays.records import own_arrays, short_repr
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 
@@ -42,7 +43,7 @@ class Rest:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AlignedDemonstrations:
-    """Demonstrations sampled at common phases; read-only.
+    """Demonstrations sampled at common phases.
 
     Raises:
         ValueError: If a shape is wrong, an entry is not finite, the phases do not
@@ -105,10 +106,10 @@ class AlignedDemonstrations:
         )
 
     def __post_init__(self) -> None:
-        freeze(self, "times", "poses", "drift")
+        own_arrays(self, "times", "poses", "drift")
         for name in ("clocks", "wrenches"):
             if getattr(self, name) is not None:
-                freeze(self, name)
+                own_arrays(self, name)
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
@@ -232,6 +233,10 @@ def _screwed(
     twist = (final * _rigid(begin).inv()).as_exp_coords()
     from_twists = scipy.spatial.transform.RigidTransform.from_exp_coords
     moved = from_twists(ahead[:, None] / (cut - begins) * twist) * final
+    if np.linalg.norm(poses[:, 3:], axis=1).max() > REGULAR:
+        # The path turns about one axis: the turn goes on, past any full turn.
+        rotvecs = last[3:] + ahead[:, None] / (cut - begins) * (last - begin)[3:]
+        return np.hstack([moved.translation, rotvecs])
     rotvecs = unwrap_rotvecs(np.vstack([last[3:], moved.rotation.as_rotvec()]))
     return np.hstack([moved.translation, rotvecs[1:]])
 
@@ -246,6 +251,5 @@ def _way(poses: Outputs) -> Times:
 
 def _rigid(pose: Pose) -> Any:
     transform = scipy.spatial.transform
-    # A copy, because SciPy rejects read-only rotation vectors.
-    rotation = transform.Rotation.from_rotvec(pose[3:].copy())
+    rotation = transform.Rotation.from_rotvec(pose[3:])
     return transform.RigidTransform.from_components(pose[:3], rotation)

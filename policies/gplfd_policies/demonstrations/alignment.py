@@ -16,12 +16,14 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, pose_distance, pose_steps
+from gplfd_env.spatial.turns import accumulated_rotvecs
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, Rest
 from gplfd_policies.demonstrations.demonstration import (
     Demonstration,
     checked_demonstrations,
+    turned,
 )
 
 _NOISY_LENGTH_RATIO: Final = 1.1
@@ -55,6 +57,11 @@ _WORTH_SAYING: Final = 0.02
 """Fraction of trimmed time above which a warning is issued."""
 _KEPT: Final = 0.05
 """Share of the moving time to which a rest is shortened."""
+
+_TILTED: Final = np.radians(10.0)
+"""Largest tilt of a motion that turns by more than 300° [rad]."""
+_WORTH_LEARNING: Final = np.radians(1.0)
+"""Tilt of such a motion above which a warning is issued [rad]."""
 
 AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
@@ -136,6 +143,7 @@ def align(
     demonstrations = checked_demonstrations(demonstrations)
     if not demonstrations:
         raise ValueError("at least one demonstration is needed, got none")
+    demonstrations = _regular(demonstrations)
     rests: tuple[tuple[Rest, ...], ...] = ()
     if trim_rests:
         recorded = demonstrations
@@ -170,9 +178,9 @@ def align(
         for felt, demo, clock in zip(wrenches, demonstrations, clocks, strict=True):
             if demo.wrenches is not None:
                 rotvecs = demo.poses[:, None, 3:]
-                turned = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3))
+                local = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3))
                 times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
-                felt[:] = interpolated(times, demo.times, turned.reshape(-1, 6))
+                felt[:] = interpolated(times, demo.times, local.reshape(-1, 6))
     durations = [float(demo.times[-1] - demo.times[0]) for demo in demonstrations]
     return AlignedDemonstrations(
         times=phases,
@@ -182,6 +190,34 @@ def align(
         clocks=clocks,
         wrenches=wrenches,
     )
+
+
+def _regular(demonstrations: Sequence[Demonstration]) -> tuple[Demonstration, ...]:
+    """Return demonstrations whose rotation vectors can be learned beyond 300°."""
+    regular, tilts = [], [0.0]
+    for number, demo in enumerate(demonstrations):
+        rotvecs, tilt = accumulated_rotvecs(demo.poses[:, 3:])
+        tilts.append(tilt)
+        if tilt > _TILTED:
+            raise ValueError(
+                f"demonstration {number} turns by {turned(demo):.0f} degrees, and by "
+                f"{np.degrees(tilt):.0f} degrees about other axes: turns of more than "
+                "300 degrees are learned about one axis, within "
+                f"{np.degrees(_TILTED):.0f} degrees. Cut the motion into shorter ones, "
+                "or give poses relative to the first (relative_to_first(), or gplfd "
+                "demos import --frame first-pose)"
+            )
+        poses = np.hstack([demo.poses[:, :3], rotvecs])
+        regular.append(demo if not tilt else replace(demo, poses=poses))
+    if max(tilts) > _WORTH_LEARNING:
+        warnings.warn(
+            f"turns: up to {max(map(turned, demonstrations)):.0f} degrees about one "
+            f"axis; tilts, here up to {np.degrees(max(tilts)):.1f} degrees, are not "
+            "learned near full turns.",
+            UserWarning,
+            stacklevel=3,
+        )
+    return tuple(regular)
 
 
 def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
@@ -373,8 +409,9 @@ def without_rests(
     """
     times, poses = demonstration.times, demonstration.poses
     # Extended by its mirror image, so that a path that ends at rest stays at rest.
-    blurred = scipy.ndimage.gaussian_filter1d
-    smooth = np.asarray(blurred(poses, _BANDWIDTH * len(poses), axis=0, mode="reflect"))
+    blurred, width = scipy.ndimage.gaussian_filter1d, _BANDWIDTH * len(poses)
+    regular = np.hstack([poses[:, :3], accumulated_rotvecs(poses[:, 3:])[0]])
+    smooth = np.asarray(blurred(regular, width, axis=0, mode="reflect"))
     # Slow intervals, from first to last sample.
     reach = _HALF_CHORD * (times[-1] - times[0])
     ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
@@ -441,8 +478,7 @@ def warn_of_rests(
     warnings.warn(
         f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
         f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "
-        "s at a time. The result's `rests` say where; align(..., trim_rests=False) "
-        "keeps them.",
+        "s at a time.",
         UserWarning,
         stacklevel=3,
     )

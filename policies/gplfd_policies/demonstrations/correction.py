@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.records import own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Bool, Float
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -59,10 +59,9 @@ class Correction:
                 f"{self.by!r} and {self.phase}"
             )
         if self.inputs is not None:
-            freeze(self, "inputs")
+            own_arrays(self, "inputs")
             if self.inputs.ndim != 2 or len(self.inputs) != len(led):
                 raise ValueError(f"inputs need {len(led)} rows: {self.inputs.shape}")
-        led.setflags(write=False)
         object.__setattr__(self, "led", led)
 
     @property

@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
-from gplfd_env.spatial.se3 import into_axes, relative_poses
-from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_env.spatial.se3 import into_axes, relative_poses, rotation_distance
+from gplfd_env.spatial.turns import main_turn
+from gplfd_policies.arrays.records import own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Float
 
 _REST = 1e-9
@@ -20,7 +21,7 @@ _SAME_ROTVEC = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demonstration:
-    """A validated, read-only recording of hand poses, and optionally forces.
+    """A validated recording of hand poses, and optionally forces.
 
     Raises:
         ValueError: If the shapes are wrong, there are fewer than two samples, an entry
@@ -40,7 +41,7 @@ class Demonstration:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, "times", "poses")
+        own_arrays(self, "times", "poses")
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.shape != (*times.shape, 6):
             raise ValueError(
@@ -81,7 +82,7 @@ class Demonstration:
             )
         if self.wrenches is None:
             return
-        freeze(self, "wrenches")
+        own_arrays(self, "wrenches")
         shape = np.shape(self.wrenches)
         if shape != poses.shape or not np.isfinite(self.wrenches).all():
             raise ValueError(
@@ -142,6 +143,15 @@ class Demonstration:
             turned = into_axes(self.poses[0, 3:], wrenches.reshape(-1, 2, 3))
             wrenches = turned.reshape(wrenches.shape)
         return Demonstration(times=self.times, poses=poses, wrenches=wrenches)
+
+
+def turned(demonstration: Demonstration) -> float:
+    """Return the largest rotation since the start [°], accumulated if over 180."""
+    rotvecs = demonstration.poses[:, 3:]
+    _, turns = main_turn(rotvecs)
+    farthest = np.abs(turns - turns[0]).max()
+    apart = rotation_distance(rotvecs, rotvecs[0]).max()
+    return float(np.degrees(max(farthest, apart)))
 
 
 def checked_demonstrations(demonstrations: object) -> tuple[Demonstration, ...]:

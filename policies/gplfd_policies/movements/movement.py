@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import freeze, read_only, short_repr
+from gplfd_policies.arrays.records import own_arrays, owned, short_repr
 from gplfd_policies.arrays.resolution import FINEST, interpolated
 from gplfd_policies.arrays.shapes import (
     Bool,
@@ -84,7 +84,7 @@ class GaussianTrajectory:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, *_ARRAYS)
+        own_arrays(self, *_ARRAYS)
 
     @classmethod
     def from_moments(
@@ -122,7 +122,7 @@ class GaussianTrajectory:
     @cached_property
     def covariance(self) -> Covariances:
         """Covariance over time of every output; computed on first use."""
-        return read_only(self.covariance_function())
+        return owned(self.covariance_function())
 
     def __getitem__(
         self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
@@ -276,7 +276,7 @@ class ViaPoint:
             raise ValueError(
                 f"The phase of a via-point must be a finite number, got {self.phase!r}."
             )
-        pose = read_only(self.pose)
+        pose = owned(self.pose)
         if pose.shape != (6,) or np.isinf(pose).any():
             raise ValueError(
                 "A via-point pose has six finite entries (x, y, z, θu_x, θu_y, θu_z), "
@@ -324,7 +324,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
         raise ValueError(
             f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
         )
-    return read_only(np.broadcast_to(numbers, (6,)))
+    return owned(np.broadcast_to(numbers, (6,)))
 
 
 @runtime_checkable
@@ -373,8 +373,9 @@ class LearnedMovement:
         return self.aligned.duration
 
     def __post_init__(self) -> None:
-        arrays = (field.name for field in fields(self))
-        freeze(self, *(n for n in arrays if isinstance(getattr(self, n), np.ndarray)))
+        for name in (entry.name for entry in fields(self)):
+            if isinstance(getattr(self, name), np.ndarray):
+                own_arrays(self, name)
 
     def __repr__(self) -> str:
         """Return the method and its demonstrations in one line."""

@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.records import own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import (
@@ -45,7 +45,7 @@ class PriorMean(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class PosePath:
-    """A prior mean through given poses; read-only.
+    """A prior mean through given poses.
 
     Between the poses each output follows a cubic without overshoot. Before the first
     and after the last pose it is constant.
@@ -63,7 +63,7 @@ class PosePath:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, "phases", "poses")
+        own_arrays(self, "phases", "poses")
         phases, poses = self.phases, self.poses
         if phases.ndim != 1 or phases.size < 2 or poses.shape != (phases.size, 6):
             raise ValueError(

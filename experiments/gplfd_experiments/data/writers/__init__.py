@@ -74,7 +74,7 @@ def states_of(poses: FloatArray) -> FloatArray:
 
     Successive quaternions have consistent signs, as actions are learned from states.
     """
-    rotations = Rotation.from_rotvec(poses[:, 3:].copy())
+    rotations = Rotation.from_rotvec(poses[:, 3:])
     states = np.hstack([poses[:, :3], rotations.as_quat()])
     flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
     states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]

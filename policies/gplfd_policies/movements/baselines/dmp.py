@@ -25,6 +25,7 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.spatial.turns import accumulated_rotvecs
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -127,7 +128,8 @@ class DynamicMovementPrimitive(LearnedMovement):
         states = np.array(solved)
         states[-1] = state_g  # the remainder of x is ignored after the rollout
         rotvecs = compose_rotvecs(-states[:, 3:], self.goal[3:])
-        rotvecs = unwrap_rotvecs(np.vstack([self.start[3:], rotvecs]))[1:]
+        rotvecs = unwrap_rotvecs(np.vstack([self.start[3:], rotvecs]))
+        rotvecs = accumulated_rotvecs(rotvecs)[0][1:]
         return scipy.interpolate.CubicSpline(
             phases[0] + tau * clock, np.hstack([states[:, :3], rotvecs])
         )
@@ -145,7 +147,8 @@ def fit_dmp(
     phases, mean = aligned.times, aligned.poses.mean(axis=0)
     errors = compose_rotvecs(mean[-1, 3:], -mean[:, 3:])
     # The error is zero at the end; it is computed backwards from there.
-    states = np.hstack([mean[:, :3], unwrap_rotvecs(errors[::-1])[::-1]])
+    errors, _ = accumulated_rotvecs(unwrap_rotvecs(errors[::-1]))
+    states = np.hstack([mean[:, :3], errors[::-1]])
     clock = (phases - phases[0]) / (phases[-1] - phases[0])
     path = scipy.interpolate.CubicSpline(clock, states, bc_type="clamped")
     target = (

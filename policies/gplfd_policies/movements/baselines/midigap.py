@@ -31,6 +31,7 @@ import numpy as np
 import scipy
 
 from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.spatial.turns import REGULAR
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import (
@@ -186,6 +187,11 @@ def fit_midigap(
     Raises:
         ValueError: No mode has two demonstrations.
     """
+    if np.linalg.norm(aligned.poses[..., 3:], axis=2).max() > REGULAR:
+        raise ValueError(
+            "the demonstrations turn by more than 300 degrees, where the derivatives "
+            "of this mixture are singular; choose another policy, such as gp"
+        )
     parts = partition_by_angle(aligned.poses, config.mode_angle)
     if len(parts[0]) < 2:
         raise ValueError(
