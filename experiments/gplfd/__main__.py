@@ -1,7 +1,12 @@
 """The command ``gplfd``: exit status 2 in the small installation, 130 after Ctrl-C."""
 
-import os
 import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    # ``-m`` searches the working folder first, which may hold a random.py.
+    sys.path.pop(0)
+
+import os
 
 
 def main() -> int:

@@ -402,6 +402,6 @@ def door_config(door: DoorSpec) -> DoorConfig:
     else.
     """
     if isinstance(door, numbers.Real) and not isinstance(door, bool):
-        return DoorConfig(radius=float(door))
+        return DoorConfig(radius=door)  # type: ignore[arg-type]
     radii = allowed_range(DoorConfig, "radius")
     return preset(door, DOORS, "medium", "door", "a radius in metres", radii)

@@ -91,11 +91,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     ) -> None:
         check_choice("reward", reward, REWARDS)
         check_choice("render_mode", render_mode, (None, "rgb_array"))
-        checked_count("num_envs", num_envs, Range(low=1))
-        checked_count("num_threads", num_threads, Range(low=0))
+        checked_count("num_envs", num_envs, Range(low=1, high=100_000))
+        checked_count("num_threads", num_threads, Range(low=0, high=1024))
         self._limit = np.inf
         if max_episode_steps not in (None, -1):
-            steps = Range(low=1)
+            steps = Range(low=1, high=1e9)
             self._limit = checked_count("max_episode_steps", max_episode_steps, steps)
         mode = getattr(autoreset_mode, "value", autoreset_mode)
         check_choice("autoreset_mode", mode, [other.value for other in AutoresetMode])

@@ -17,6 +17,7 @@ from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.whole_body import SPEED, Planar
+from gplfd_env.validation.fields import real_array
 
 STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
 """Commanded stiffness: translation [N/m], rotation [N m/rad]."""
@@ -69,7 +70,7 @@ class Command:
         Raises a ValueError if it is not an array of finite numbers of this shape.
         """
         try:
-            command = np.array(action, dtype=np.float64)
+            command = real_array(action)
         except (TypeError, ValueError, OverflowError):
             raise ValueError(
                 f"the action must be numbers of shape {shape}, {self.meaning}; got "

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 Record = TypeVar("Record", bound=Any)
 
@@ -120,7 +121,10 @@ def checked_number(name: str, value: Any, allowed: Range) -> float:
         raise TypeError(
             f"{name} must be {kind}, got {value!r} ({type(value).__name__})"
         )
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf if abs(value) == value else -math.inf
     if number not in allowed:
         raise ValueError(f"{name} = {number!r} is outside {allowed}")
     return number
@@ -136,6 +140,21 @@ def checked_count(name: str, value: Any, allowed: Range) -> int:
             f"{name} = {value!r} must be a whole number{of} from {allowed.low:g}{to}"
         )
     return int(value)
+
+
+def real_array(value: object) -> NDArray[np.float64]:
+    """Return a new array of real numbers.
+
+    Raises a TypeError, a ValueError or an OverflowError for anything that NumPy would
+    turn into them and lose a part: complex numbers, dates, texts, masks.
+    """
+    array = np.array(value)
+    exact = array.dtype.kind in "biuf" or (
+        array.dtype.kind == "O" and all(isinstance(x, numbers.Real) for x in array.flat)
+    )
+    if isinstance(value, np.ma.MaskedArray) or not exact:
+        raise TypeError(f"not an array of real numbers: {array.dtype}")
+    return array.astype(np.float64, copy=False)
 
 
 def check_choice(name: str, value: object, allowed: Collection[object]) -> None:

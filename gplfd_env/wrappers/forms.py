@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gplfd_env.conventions.constants import Array, Info
 from gplfd_env.task.info import INFO, TEXTS
+from gplfd_env.validation.fields import real_array
 
 LIMITS: Final = (0.03, 0.1)
 """Greatest distance of the set-point from the hand: per axis [m], per component [rad].
@@ -88,7 +89,7 @@ class _Relative:
         if self._hand is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         try:
-            numbers = np.asarray(action, dtype=np.float64)
+            numbers = real_array(action)
         except (TypeError, ValueError, OverflowError):
             numbers = np.empty(0)
         if numbers.shape != self._shape:

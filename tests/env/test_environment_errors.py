@@ -18,6 +18,7 @@ DOORS: list[tuple[Any, type[Exception], str]] = [
     ("smal", ValueError, r"unknown door 'smal' \(did you mean 'small'\?\)"),
     (1.2, ValueError, r"radius = 1\.2 is outside \[0\.3, 1\.05\] m"),
     (0.9, ValueError, r'radius = 0\.9 is out of reach .* 0\.65 m; give base="mob'),
+    (10**400, ValueError, r"radius = inf is outside \[0\.3, 1\.05\] m"),
     ({"radius": "wide"}, TypeError, r"radius must be a number, got 'wide' \(str\)"),
 ]
 ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
@@ -56,6 +57,11 @@ def test_wrong_arguments(arguments, kind, message, makers):
 def test_wrong_arguments_of_many(arguments, message, make_vec):
     with pytest.raises(ValueError, match=message):
         make_vec(2, **arguments)
+
+
+def test_no_more_simulations_than_a_machine_holds(make_vec):
+    with pytest.raises(ValueError, match=r"num_envs = 9.* number from 1 to 100000"):
+        make_vec(2**63)
 
 
 @pytest.mark.parametrize(("disturbance", "kind", "message"), DISTURBANCES)
@@ -123,6 +129,10 @@ def test_wrong_actions_move_nothing(n, id, makers):
     for wrong, message in (
         (rest[..., :5], rf"{re.escape(str(shape))}.*got shape"),
         ("pull", "must be numbers of shape"),
+        (rest + 0j, "must be numbers of shape"),
+        (rest.astype("datetime64[s]"), "must be numbers of shape"),
+        (np.ma.masked_array(rest, mask=rest == 0.0), "must be numbers of shape"),
+        (np.array(rest, dtype=object) + 0j, "must be numbers of shape"),
         (np.where(rest == rest.min(), np.nan, rest), "(?s)finite, got .*nan.*policy"),
     ):
         with pytest.raises(ValueError, match=message):

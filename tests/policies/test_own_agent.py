@@ -104,6 +104,26 @@ class Whole(Counting):
         return self.forecasted
 
 
+def test_an_agent_changes_only_its_own_observation():
+    class InPlace:
+        def reset(self, observation):
+            observation["ee_pose"][:] = observation["wrench"][:] = 9.0
+
+        def act(self, observation):
+            observation["ee_pose"] += 1.0
+            return observation.pop("ee_pose")
+
+    agent, observation = (
+        as_agent(InPlace()),
+        {n: a.copy() for n, a in OBSERVATION.items()},
+    )
+    agent.reset(observation)
+    for _ in range(2):
+        assert_array_equal(agent.act(observation).action, np.ones(6))
+    assert observation.keys() == OBSERVATION.keys()
+    assert not np.any([*observation.values()])
+
+
 def test_other_methods_are_called_where_they_exist():
     whole = Whole()
     doors = [DoorGeometry.of(DoorConfig(radius=radius)) for radius in (0.4, 0.5)]

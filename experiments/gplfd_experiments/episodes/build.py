@@ -172,12 +172,12 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
 def open_together(
     tasks: Sequence[EpisodeTask],
     agents: Sequence[Agent],
-    *,
-    forecast_period: float | None = None,
+    **options: Any,
 ) -> tuple[EpisodeLog, ...]:
     """Open the doors of tasks of one policy, robot, base and start in lockstep.
 
-    There is an agent and a log per task; forecasts have the given period [s].
+    There is an agent and a log per task. The options are those of `rollouts`; by
+    default, no forecasts are taken.
     """
     rows = [_circumstances(task) for task in tasks]
     varied: dict[str, Any] = {name: [row[name] for row in rows] for name in rows[0]}
@@ -199,7 +199,7 @@ def open_together(
             policy=first.policy,
             doors=[task.door for task in tasks],
             seeds=[task.reset_seed for task in tasks],
-            forecast_period=forecast_period,
+            **{"forecast_period": None, **options},
         )
 
 
@@ -230,13 +230,14 @@ def reported_errors(
     """
     try:
         yield
-    # BaseException: the user's code runs here and may call `sys.exit`.
-    except (Exception, SystemExit) as error:
+    # BaseException: the user's code runs here and may raise anything.
+    except BaseException as error:
         place = place_in_policy(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"
         # Errors of files and arguments are clear by themselves.
         clear = OSError if acting else (OSError, ValueError)
-        if built_in or (not place and isinstance(error, clear)):
+        interrupted = isinstance(error, KeyboardInterrupt)
+        if built_in or interrupted or (not place and isinstance(error, clear)):
             raise
         raise PolicyError(
             f"policy {name!r} failed with {type(error).__name__}: {error}"

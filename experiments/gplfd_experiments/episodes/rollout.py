@@ -104,6 +104,7 @@ def rollouts(
     doors: Sequence[str],
     seeds: Sequence[int],
     forecast_period: float | None = 0.35,
+    before_step: Callable[[], None] = lambda: None,
 ) -> tuple[EpisodeLog, ...]:
     """Let every agent open its door once, and log each episode as `rollout` does.
 
@@ -116,6 +117,7 @@ def rollouts(
         doors: Names of the N doors, for the logs.
         seeds: Seeds of the N simulations' resets.
         forecast_period: Simulated time between forecasts [s]; None for none.
+        before_step: Called before the first reset and before every decision.
 
     Raises:
         ValueError: The simulations reset automatically, or N differs.
@@ -130,6 +132,7 @@ def rollouts(
             f"{envs.num_envs} simulations need as many doors and seeds, got "
             f"{len(doors)} and {len(seeds)}"
         )
+    before_step()
     observations, infos = envs.reset(seed=list(seeds))
     agents.inform(envs.door_geometries)
     agents.reset(observations)
@@ -142,6 +145,7 @@ def rollouts(
     acting = np.ones(envs.num_envs, dtype=bool)
     ended, truncated = ~acting, ~acting
     while True:
+        before_step()
         times = observations["time"][:, 0]
         for row in np.flatnonzero(acting).tolist():
             forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))

@@ -4,6 +4,7 @@ import errno
 import math
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from gplfd_experiments.episodes.build import (
@@ -16,6 +17,12 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.provenance import code_state
+from gplfd_experiments.studies.apart import (
+    LEARNING_LIMIT,
+    STEP_LIMIT,
+    ProcessEndedError,
+    call_apart,
+)
 from gplfd_experiments.studies.learning_tests.scores import (
     method_metrics,
     recorded_metrics,
@@ -41,17 +48,38 @@ def run_job(
 ) -> list[Result]:
     """Return a result per task of one policy; an error in a task is its result.
 
-    BLAS runs on one thread, so that sums have the same order everywhere. The files
-    contain policies that this machine may lack; the recordings are for `RecordedTask`s.
+    A user's policy runs in a process of its own. BLAS runs on one thread, so that sums
+    have the same order everywhere. The files contain policies that this machine may
+    lack; the recordings are for `RecordedTask`s.
     """
+    if job[0].policy_source is None:
+        return _run(job, files, recordings)
+    try:
+        results: list[Result] = call_apart(_run, job, dict(files), recordings)
+        return results
+    except ProcessEndedError as error:
+        if len(job) == 1:
+            return [failed(job[0], str(error), lost=error.killed)]
+    return [result for task in job for result in run_job((task,), files, recordings)]
+
+
+def _run(
+    job: Job,
+    files: Files,
+    recordings: Sequence[Demonstration],
+    allow: Callable[[float], None] = lambda seconds: None,
+) -> list[Result]:
+    """Run a job in this process, with time limits of its learnings and steps."""
+    # Any exception of the policy is a result of the study, and must not end the tasks
+    # of other policies. In the process of a user's policy, no interruption is the
+    # user's.
+    errors = (Exception, SystemExit) if job[0].policy_source is None else BaseException
     policy: Policy | None = None
     try:
         policy = policy_of(job[0], files)
         if not isinstance(job[0], EpisodeTask):
             return [_learning_result(job[0], policy, recordings)]
-    # A policy may raise any exception. A failure to learn is a result of the study,
-    # and must not end the tasks of other policies.
-    except (Exception, SystemExit) as error:
+    except errors as error:
         return [_error_result(task, error, policy) for task in job]
     episodes = [task for task in job if isinstance(task, EpisodeTask)]
     results: dict[str, Result] = {}
@@ -60,14 +88,29 @@ def run_job(
     for task in episodes:
         trainings.setdefault(task.training_key, []).append(task)
     for training, tasks in trainings.items():
+        allow(LEARNING_LIMIT)
         try:
             make[training] = learned_agents(tasks[0], policy)
-        except (Exception, SystemExit) as error:
+        except errors as error:
             for task in tasks:
                 results[task.key] = _error_result(task, error, policy)
     able = [task for task in episodes if task.training_key in make]
-    opened = _episode_results(able, policy, make)
-    results |= {task.key: result for task, result in zip(able, opened, strict=True)}
+
+    def opened(tasks: Sequence[EpisodeTask]) -> list[Result]:
+        """Open doors in lockstep, or one by one if the policy fails at one."""
+        allow(LEARNING_LIMIT)
+        try:
+            agents = [make[task.training_key]() for task in tasks]
+            return _episode_results(tasks, agents, partial(allow, STEP_LIMIT))
+        except errors as error:
+            if len(tasks) == 1:
+                return [_error_result(tasks[0], error, policy)]
+        return [result for task in tasks for result in opened([task])]
+
+    results |= {
+        task.key: result
+        for task, result in zip(able, opened(able) if able else (), strict=True)
+    }
     return [results[task.key] for task in episodes]
 
 
@@ -121,29 +164,19 @@ def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Re
 
 def _episode_results(
     tasks: Sequence[EpisodeTask],
-    policy: Policy,
-    make: Mapping[str, Callable[[], Agent]],
+    agents: Sequence[Agent],
+    before_step: Callable[[], None],
 ) -> list[Result]:
-    """Return the results of tasks; agents are made by their demonstrations."""
-    if not tasks:
-        return []
-    try:
-        agents = [make[task.training_key]() for task in tasks]
-        logs = open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
-        results = []
-        for task, log in zip(tasks, logs, strict=True):
-            angle = task.teacher["angle_mean"]
-            metrics = _plain(episode_metrics(log, demonstrated_angle=angle))
-            demonstrations = {"demonstrations": demonstrations_hash(task)}
-            results.append({**_origin(task), **demonstrations, "metrics": metrics})
-        return results
-    except (Exception, SystemExit) as error:
-        if len(tasks) == 1:
-            return [_error_result(tasks[0], error, policy)]
-    # An error at one door ends the lockstep of all, so run every task alone.
-    return [
-        result for task in tasks for result in _episode_results([task], policy, make)
-    ]
+    logs = open_together(
+        tasks, agents, forecast_period=FORECAST_PERIOD, before_step=before_step
+    )
+    results = []
+    for task, log in zip(tasks, logs, strict=True):
+        angle = task.teacher["angle_mean"]
+        metrics = _plain(episode_metrics(log, demonstrated_angle=angle))
+        demonstrations = {"demonstrations": demonstrations_hash(task)}
+        results.append({**_origin(task), **demonstrations, "metrics": metrics})
+    return results
 
 
 def _plain(value: Any) -> Any:

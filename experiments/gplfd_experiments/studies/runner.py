@@ -89,6 +89,7 @@ def run_study(
 
     Only this process writes files; engines return the results as small records.
     """
+    folder = folder.absolute()
     missing = stored_results(folder, study).unfinished
     work = partial(run_job, files=files_of(missing), recordings=tuple(recordings))
     jobs = jobs_of(missing)

@@ -6,11 +6,17 @@ The file is sent with the jobs, for machines that lack it.
 
 import functools
 import hashlib
+import os
+import signal
+import sys
 import tempfile
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
+
+import numpy as np
 
 from gplfd_experiments.episodes.task import PolicySource, Task
 from gplfd_policies.arrays.storage import complete_or_absent
@@ -29,7 +35,20 @@ def chosen(name: str) -> Policy:
     return _chosen(name, Path.cwd())
 
 
-_chosen = functools.cache(policy_named)
+@functools.cache
+def _chosen(name: str, folder: Path) -> Policy:
+    """Load a policy; what its module changes in this process is undone."""
+    path = sys.path[:]
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            return policy_named(name, folder)
+    finally:
+        sys.path[:] = path
+        os.chdir(folder)
+        for number, handler in handlers.items():
+            if handler != signal.getsignal(number):
+                signal.signal(number, handler)
 
 
 def policy_fields(name: str) -> dict[str, Any]:

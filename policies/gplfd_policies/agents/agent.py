@@ -16,6 +16,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.validation.fields import real_array
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.handles import controller_of
 from gplfd_policies.arrays.rows import Rows, rows_of
@@ -106,14 +107,14 @@ class CheckedAgent:
         """Begin an episode."""
         self._step = 0
         if hasattr(self._candidate, "reset"):
-            self._candidate.reset(observation)
+            self._candidate.reset(_copied(observation))
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         self._step += 1
-        answer = step = self._candidate.act(observation)
-        with contextlib.suppress(TypeError, ValueError):
-            numbers = np.array(answer, dtype=np.float64)
+        answer = step = self._candidate.act(_copied(observation))
+        with contextlib.suppress(TypeError, ValueError, OverflowError):
+            numbers = real_array(answer)
             if self.control == "pose" and numbers.shape == (6,):
                 step = AgentStep(action=numbers)
             elif self.control == "impedance" and numbers.shape == (12,):
@@ -141,6 +142,11 @@ class CheckedAgent:
             f"{type(self._candidate).__name__}.forecast returned {type(forecast)}; it "
             "must return a gplfd_policies.GaussianTrajectory, or None"
         )
+
+
+def _copied(observation: Observation) -> Observation:
+    """Return what an agent may change in place: logs and other agents keep theirs."""
+    return {name: np.copy(values) for name, values in observation.items()}
 
 
 _WANTED: Final = {

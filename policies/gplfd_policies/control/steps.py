@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_env.conventions.constants import Control
+from gplfd_env.validation.fields import real_array
 from gplfd_policies.arrays.rows import PerRow, Rows
 from gplfd_policies.arrays.shapes import Bool, Float, Pose
 
@@ -136,7 +137,10 @@ class AgentStep:
             if not (leading or shape) and type(getattr(self, name)) is np.float64:
                 continue
             dtype = np.bool_ if name == "via_point" else np.float64
-            array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
+            value: Any = getattr(self, name)
+            if name == "action":
+                value = real_array(value)
+            array: np.ndarray = np.array(value, dtype=dtype)
             expected, single = leading + shape, shape if name == "frame" else ()
             repeated = array.shape == single and name != "action"
             if array.shape != expected and not repeated:

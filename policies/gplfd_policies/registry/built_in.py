@@ -356,8 +356,8 @@ class Setting(NamedTuple):
 class Space:
     """The settings of a method by name, which are arguments of ``config``.
 
-    Two settings do not belong to the fit: ``via_std_factor`` multiplies the standard
-    deviation of via-points, and ``empirical_share`` belongs to `ProcessAdaptation`.
+    One setting does not belong to the fit: ``via_std_factor`` multiplies the standard
+    deviation of via-points.
 
     Args:
         config: Makes the configuration of the fit from the settings.
@@ -470,7 +470,6 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             MapNoise,
             "noise",
             shortest_scale=_log(0.15, 0.1, 0.6),
-            empirical_share=Setting(0.3, 0.0, 0.9),
             via_std_factor=_VIA_STD_FACTOR,
         ),
     }
@@ -500,9 +499,6 @@ def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
         position, rotation = method.config.via_std
         via_std = (factor * position, factor * rotation)
         changes["config"] = replace(method.config, via_std=via_std)
-    if "empirical_share" in settings:
-        share = settings.pop("empirical_share")
-        changes["adaptation"] = partial(ProcessAdaptation, empirical_share=share)
     if not isinstance(method.profile, StiffnessProfile):
         profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
         changes["profile"] = profile

@@ -154,8 +154,10 @@ def _imported(name: str, folder: Path | None = None) -> ModuleType:
     """Import a module, possibly from a folder, or raise with a one-sentence reason."""
     try:
         return importlib.import_module(name)
+    except KeyboardInterrupt:
+        raise
     # Any exception: the user's code runs here.
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing is not None and f"{name}.".startswith(f"{missing}."):
             raise ValueError(

@@ -3,9 +3,14 @@
 Its options are the fields of `ServeSettings`, like those of `gplfd serve`.
 """
 
+import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    # ``-m`` searches the working folder first, which may hold a random.py.
+    sys.path.pop(0)
+
 import argparse
 import dataclasses
-import sys
 from collections.abc import Sequence
 from types import NoneType
 from typing import Any, get_args, get_origin
