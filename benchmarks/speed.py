@@ -33,7 +33,7 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import code_state
 from gplfd_experiments.files.table import Table, text_table
-from gplfd_experiments.recording import record_episode
+from gplfd_experiments.recording.episode import record_episode
 from gplfd_policies import ViaPoint, align
 from gplfd_policies.adaptation import ADAPTATIONS, AdaptationForm
 from gplfd_policies.agents.agent import batch_agents

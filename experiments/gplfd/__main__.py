@@ -11,6 +11,15 @@ import os
 
 def main() -> int:
     """Run `gplfd_experiments.cli.main.main` and return the exit status."""
+    utf8 = {**os.environ, "PYTHONUTF8": "1"}
+    if sys.getfilesystemencoding() != "utf-8" and os.environ != utf8:
+        # In an ASCII locale, names of files could not be stored and read again.
+        os.execve(sys.executable, sys.orig_argv, utf8)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as in ``gplfd list >&-``
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        # An ASCII terminal gets escapes instead of an error.
+        getattr(sys, name).reconfigure(errors="backslashreplace")
     try:
         from gplfd_experiments.cli.main import main as run
 

@@ -104,8 +104,7 @@ class Camera:
             Camera._without_opengl = (
                 f"no picture without OpenGL ({error}); on a machine without a screen "
                 "install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri) "
-                "or OSMesa (libosmesa6) and set MUJOCO_GL=egl or MUJOCO_GL=osmesa "
-                "before Python starts"
+                "or OSMesa (libosmesa6), and set MUJOCO_GL=osmesa for the latter"
             )
             raise RuntimeError(Camera._without_opengl) from error
         finally:
@@ -120,6 +119,5 @@ def require_display() -> None:
     if not has_display:
         raise RuntimeError(
             'render_mode="human" opens a window and needs a display; without one use '
-            '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '
-            "xvfb-run"
+            '"rgb_array", or run under xvfb-run'
         )

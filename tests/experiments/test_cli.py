@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -245,3 +246,20 @@ def test_help_loads_neither_simulator_nor_viewer():
         "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="locales and shells of Unix")
+def test_closed_streams_and_an_ascii_locale_do_not_matter(tmp_path):
+    ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    run = "run --doors 0.5 --policy hinge-fit --out ü --quiet"
+    for line in (f"{run}", "list >&-", "list 2>&-"):
+        command = f"{sys.executable} -m gplfd {line}"
+        ran = subprocess.run(
+            ["sh", "-c", command],
+            env=os.environ | ascii_only,
+            cwd=tmp_path,
+            capture_output=True,
+            check=False,
+        )
+        assert (ran.returncode, ran.stderr) == (0, b"")
+    assert '"\\u00fc"' in (tmp_path / "ü" / "run.json").read_text("utf-8")

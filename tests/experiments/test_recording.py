@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import share_of_bound
-from gplfd_experiments.recording import colours, record_episode
-from gplfd_experiments.recording.episode import mean_radius
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.episode import mean_radius, record_episode
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
 from gplfd_experiments.recording.motion import (
     N_RINGS,

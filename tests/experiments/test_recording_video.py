@@ -11,8 +11,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from gplfd_env.conventions.opengl import choose_opengl
 from gplfd_env.envs.camera import Camera
-from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.recording.video import VideoFormat
 from gplfd_experiments.workflows import runs
 
@@ -69,8 +69,17 @@ def test_without_encoder_or_opengl_nothing_is_written(refused, monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is of Linux")
 def test_without_a_screen_egl_draws_unless_the_user_chose(monkeypatch):
     monkeypatch.setattr("ctypes.util.find_library", lambda name: "libEGL.so.1")
+    monkeypatch.delitem(sys.modules, "mujoco")
     chosen = {"MUJOCO_GL": "osmesa"}
     for given, expected in (({}, "egl"), ({"DISPLAY": ":0"}, None), (chosen, "osmesa")):
         monkeypatch.setattr("os.environ", environment := dict(given))
-        draw_without_screen()
+        choose_opengl()
         assert environment.get("MUJOCO_GL") == expected
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
+    for given, words in (
+        ("osmesa", "needs the library OSMesa"),
+        ("nix", "must be egl"),
+    ):
+        monkeypatch.setattr("os.environ", {"MUJOCO_GL": given})
+        with pytest.raises(OSError, match=f"MUJOCO_GL={given} {words}"):
+            choose_opengl()

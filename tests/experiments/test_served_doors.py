@@ -116,7 +116,7 @@ def test_a_journal_is_shown_as_a_recording(tmp_path, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(viewer.subprocess, "call", lambda c: shown.append(c) or 0)
     assert cli.main(["view", str(journal)]) == 0
-    assert shown[0][1:] == [f"{journal}.rrd"]
+    assert shown[0][1:] == ["--bind", "127.0.0.1", f"{journal}.rrd"]
     assert (tmp_path / "j.jsonl.rrd").stat().st_size > 5000
 
 

@@ -17,8 +17,9 @@ from typing import Any, Final
 
 import joblib
 
+from gplfd_env.conventions.opengl import has_display
 from gplfd_experiments.files.provenance import versions
-from gplfd_experiments.recording.viewer import has_display, viewer
+from gplfd_experiments.recording.viewer import viewer
 
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -92,6 +92,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # long.
             for library in ("OPENBLAS_NUM", "OMP_NUM", "MKL_NUM", "VECLIB_MAXIMUM"):
                 os.environ.setdefault(f"{library}_THREADS", "1")
+            if not isinstance(command, Doctor):  # which tries every way to draw
+                from gplfd_env.conventions.opengl import choose_opengl
+
+                choose_opengl()
             if isinstance(command, Benchmark):
                 from gplfd_experiments.studies.settings import settings_named
 

@@ -4,9 +4,9 @@ import importlib.util
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
+from gplfd_env.conventions.opengl import has_display
 from gplfd_policies.arrays.storage import regular_file
 
 
@@ -23,12 +23,6 @@ def viewer() -> str:
         )
     name = "rerun.exe" if sys.platform == "win32" else "rerun"
     return str(Path(package.origin).with_name(name))
-
-
-def has_display(platform: str, environment: Mapping[str, str]) -> bool:
-    """Whether there is a screen; on Linux, whether X or Wayland has a display."""
-    displays = ("DISPLAY", "WAYLAND_DISPLAY")
-    return not platform.startswith("linux") or any(map(environment.get, displays))
 
 
 def open_recording(file: Path) -> int:
@@ -54,4 +48,5 @@ def open_recording(file: Path) -> int:
             f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
         )
     # An absolute path, because the viewer would parse `--version.rrd` as an option.
-    return subprocess.call([viewer(), str(file.absolute())])
+    # Otherwise, the viewer listens on every address of this machine.
+    return subprocess.call([viewer(), "--bind", "127.0.0.1", str(file.absolute())])

@@ -33,7 +33,7 @@ from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
-from gplfd_experiments.recording import record_episode
+from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.scene import BodyMeshes
 from gplfd_experiments.recording.tiago_meshes import tiago_looks
 from gplfd_experiments.recording.video import (

@@ -1,8 +1,6 @@
 """Commands for episodes: run and view; and learn, which makes a skill."""
 
 import contextlib
-import ctypes.util
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,8 +38,6 @@ class Run(RunSettings):
 
     def execute(self) -> int:
         """Open the doors and print a table; `FAILED` if the policy raised an error."""
-        if self.video is not None:
-            draw_without_screen()
         from gplfd_experiments.analysis.results.table import run_table
         from gplfd_experiments.console.progress import LOG
         from gplfd_experiments.episodes.metrics import late_decisions
@@ -70,21 +66,6 @@ class Run(RunSettings):
             door = "medium" if "medium" in doors else doors[0]
             print(f"\nlook at it:  {next_command('view', folder / f'{door}.rrd')}")
         return status
-
-
-def draw_without_screen() -> None:
-    """Let MuJoCo render by EGL without a screen; call before MuJoCo's import.
-
-    A setting of the user is kept. If EGL is missing, the error of the renderer says
-    what to install.
-    """
-    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if (
-        sys.platform.startswith("linux")
-        and not screen
-        and ctypes.util.find_library("EGL")
-    ):
-        os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -13,7 +13,6 @@ from gplfd_experiments.cli.commands.options import (
     open_command,
     recorded,
 )
-from gplfd_experiments.cli.commands.run import draw_without_screen
 
 Device = Literal["mouse", "keyboard", "spacemouse"]
 """Input device of a person who leads the hand in the browser."""
@@ -30,10 +29,9 @@ class PageOptions:
     """Port of the page; 0 selects a free port."""
 
     def page(self, device: Device) -> dict[str, Any]:
-        """Prepare drawing, and return the page's device, host and port."""
+        """Return the page's device, host and port."""
         if not 0 <= self.port <= 65535:
             raise ValueError(f"--port {self.port} must be 0 to 65535")
-        draw_without_screen()
         return {"device": device, "host": self.host, "port": self.port}
 
 

@@ -141,7 +141,11 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
 
 
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
-    dict(_trials(tomllib.loads(Path(__file__).with_name("protocol.toml").read_text())))
+    dict(
+        _trials(
+            tomllib.loads(Path(__file__).with_name("protocol.toml").read_text("utf-8"))
+        )
+    )
 )
 """Every trial by its name."""
 
