@@ -97,7 +97,7 @@ def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
             assert_array_equal(getattr(kept.motion, name), expected)
         for name in ("door", "seed", "by", "phase", "led", "inputs", "device"):
             assert_array_equal(getattr(kept, name), getattr(correction, name))
-    with pytest.raises(ValueError, match=r"inputs must have a row for each"):
+    with pytest.raises(ValueError, match=r"inputs need 500 rows"):
         replace(bare, inputs=bare.inputs[1:])
 
 

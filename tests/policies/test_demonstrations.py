@@ -102,7 +102,7 @@ ARC = aligned(poses=handle_pose_on_arc(0.5, np.linspace(0.0, 0.8, 5))[None])
 REFUSED = {
     r"poses\[3\] = .* is not finite": lambda: shown(poses=changed(LINE, 3, np.nan)),
     r"times\[3\] = 0.75 is not later than 0.9": lambda: timed(2, 0.9),
-    "at least two samples are needed": lambda: shown(np.zeros(1), np.zeros((1, 6))),
+    "needs at least three samples, got 2": lambda: shown(np.arange(2.0), np.eye(2, 6)),
     r"\(5,\) and \(5, 7\)": lambda: shown(poses=np.zeros((5, 7))),
     "never moves": lambda: shown(poses=np.ones((5, 6))),
     r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": jumping,

@@ -80,6 +80,15 @@ def test_a_movement_around_a_prior_mean_cannot_be_saved(demonstrations, tmp_path
         ({"poses": np.full((6, 20, 6), np.nan)}, "'poses' must be finite numbers"),
         ({"duration": np.array(0.0)}, "duration must be positive"),
         ({"format_version": np.array(1)}, "version 1, and this program reads"),
+        ({"duration": np.array(1e9)}, "takes 1e.09 s; at most 3600 s"),
+        ({"duration": np.array(0.01)}, "moves at up to .* at most 10 m/s"),
+        ({"scale": np.zeros(6)}, "'scale' must be within"),
+        ({"scale": -np.ones(6)}, "'scale' must be within"),
+        ({"length_scale": np.full(6, 1e-8)}, "'length_scale' must be within"),
+        ({"noise_coefficients": np.full((6, 48), 1e308)}, "must be within"),
+        ({"noise_coefficients": np.full((6, 48), 400.0)}, "standard deviations"),
+        ({"wobble": -np.ones(6)}, "'wobble' must be within"),
+        ({"white": np.full(6, 2.0)}, "'white' must be within 0 and 1"),
     ],
 )
 def test_wrong_content_is_refused(saved, tmp_path, changes, reason):

@@ -442,7 +442,7 @@ def without_rests(
     for rest in rests:
         remaining &= (times < rest.start) | (times >= rest.end)
         clock[times >= rest.end] -= rest.end - rest.start
-    if not rests or np.count_nonzero(remaining) < 2:
+    if not rests or np.count_nonzero(remaining) < 3:
         return demonstration, ()
     wrenches = demonstration.wrenches
     trimmed = Demonstration(

@@ -24,7 +24,7 @@ class Demonstration:
     """A validated recording of hand poses, and optionally forces.
 
     Raises:
-        ValueError: If the shapes are wrong, there are fewer than two samples, an entry
+        ValueError: If the shapes are wrong, there are fewer than 3 samples, an entry
             is not finite, the times do not increase, the rotation vectors jump, or the
             hand never moves.
     """
@@ -48,8 +48,10 @@ class Demonstration:
                 "times must have shape (N,) and poses (N, 6) with columns x, y, z, "
                 f"θu_x, θu_y, θu_z, got {times.shape} and {poses.shape}"
             )
-        if times.size < 2:
-            raise ValueError(f"at least two samples are needed, got {times.size}")
+        if times.size < 3:
+            raise ValueError(
+                f"a demonstration needs at least three samples, got {times.size}"
+            )
         for name, rows in (("times", times[:, None]), ("poses", poses)):
             bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
             if bad.size:

@@ -83,6 +83,30 @@ _PARAMETERS: Final = {
     "noise_coefficients": attrgetter("noise.coefficients"),
 }
 """Parameters of each process by the name of their array."""
+_POSITIVE: Final = (1e-12, 1e9)
+_SHARE: Final = (0.0, 1.0)
+_BOUNDS: Final = {
+    "scale": _POSITIVE,
+    "length_scale": (0.01, 1e9),
+    "signal_std": _POSITIVE,
+    "noise_level": (-1e3, 1e2),
+    "noise_floor": (0.0, 1e9),
+    "noise_coefficients": (-1e3, 1e3),
+    "wobble": (np.finfo(np.float64).tiny, 1e9),
+    "varying": _SHARE,
+    "white": _SHARE,
+    "long_scale": _POSITIVE,
+    "short_scale": _POSITIVE,
+}
+"""Bounds of stored parameters."""
+_LONGEST: Final = 3600.0
+"""Longest skill that is loaded [s]."""
+_FASTEST: Final = (10.0, 60.0)
+"""Greatest speed of its mean, faster than any hand [m/s, rad/s]."""
+_WIDEST: Final = 10.0
+"""Greatest standard deviation of a pose [m, rad]."""
+_STRONGEST: Final = 1e4
+"""Greatest standard deviation of a force or moment [N, N m]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -279,9 +303,34 @@ def load_skill(path: str | Path) -> Skill:
             demonstration = Demonstration(**motion)
             corrections.append(Correction(motion=demonstration, **arrays, **origin))
         wrenches, others["corrections"] = members.get("wrenches"), tuple(corrections)
-        return _part_of(members, "", wrenches, **others)
+        skill = _part_of(members, "", wrenches, **others)
+        if not skill.duration <= _LONGEST:
+            raise ValueError(
+                f"it takes {skill.duration:.3g} s; at most {_LONGEST:g} s are allowed"
+            )
+        # Also between the stored phases.
+        expected = skill.predict(np.linspace(0.0, 1.0, 401))
+        steps = np.diff(expected.mean, axis=0).reshape(-1, 2, 3)
+        clock = skill.duration * np.diff(expected.times)
+        speeds = (np.linalg.norm(steps, axis=2) / clock[:, None]).max(axis=0)
+        if not (speeds <= _FASTEST).all():
+            raise ValueError(
+                f"its hand moves at up to {speeds[0]:.3g} m/s and {speeds[1]:.3g} "
+                f"rad/s in {skill.duration:.3g} s; at most {_FASTEST[0]:g} m/s and "
+                f"{_FASTEST[1]:g} rad/s are allowed"
+            )
+        stds = [expected.std.max() / _WIDEST]
+        if skill.forces is not None:
+            stds.append(skill.forces.predict(expected.times).std.max() / _STRONGEST)
+        if not all(std <= 1.0 for std in stds):
+            raise ValueError(
+                f"its standard deviations are {max(stds):.3g} times too large: at most "
+                f"{_WIDEST:g} m or rad, and {_STRONGEST:g} N or N m, are allowed"
+            )
+        return skill
 
-    return read_archive(path, kind=_KIND, version=_VERSION, build=build)
+    with np.errstate(all="ignore"):  # of numbers that are refused
+        return read_archive(path, kind=_KIND, version=_VERSION, build=build)
 
 
 def _part_of(
@@ -293,6 +342,9 @@ def _part_of(
         array = members[prefix + name]
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be finite numbers of type float64")
+        low, high = _BOUNDS.get(name, (-np.inf, np.inf))
+        if not ((low <= array) & (array <= high)).all():
+            raise ValueError(f"{name!r} must be within {low:g} and {high:g}")
         return array
 
     clocks = finite("clocks")
