@@ -14,14 +14,17 @@ from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.robot.description import read_urdf, urdf_path
 from gplfd_env.robot.placement import base_for
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.search import at_frame
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.episodes.task import named_doors
+from gplfd_experiments.workflows.exports import exceeded_limits
 from gplfd_policies.agents.commanded_path import commanded_path
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.catalogue import method_and_skill
+from gplfd_policies.serving.settings import OperatorLimits
 
 _APART: Final = 10  # Number of samples between two poses that are checked for reach.
 _POSTURES: Final = 6  # Of the arm in the picture.
@@ -49,6 +52,7 @@ class DryRun:
     hand: Float[np.ndarray, "T 3"]
     arms: Float[np.ndarray, "P L 3"]
     workspace: Float[np.ndarray, "W 3"]
+    exceeded: list[str]  # Sentences of `exceeded_limits`.
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the printed names and values with units."""
@@ -61,7 +65,7 @@ class DryRun:
             ("greatest torque at the hand", f"{self.torque:.2f} N m"),
             ("greatest speed", f"{self.speed:.2f} m/s, {self.turning:.2f} rad/s"),
             ("greatest stiffness", f"{self.stiffness:.0f} N/m"),
-            ("least joint-limit margin", f"{margin:.2f} rad, {near}"),
+            ("least joint-limit margin", f"{margin:.3f} rad, {near}"),
             ("greatest effort", f"{100 * share:.0f} % of the limit of {strong}"),
         ]
 
@@ -72,6 +76,7 @@ def dry_run(
     robot: RobotSpec,
     door: str,
     frame: Sequence[float] | None = None,
+    limits: OperatorLimits | None = None,
 ) -> DryRun:
     """Play the commanded path of a skill with a robot at a door, without adaptation.
 
@@ -79,6 +84,7 @@ def dry_run(
     None for the robot's own stance. Raises a ValueError if the arm does not reach the
     path from there, or a name is unknown.
     """
+    limits = limits or OperatorLimits()
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
@@ -102,8 +108,9 @@ def dry_run(
         joints = [model.joint(joint) for joint in body.arm]
         low, high = np.array([joint.range for joint in joints]).T
         moving = [int(joint.dofadr[0]) for joint in joints]
-        limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
-        limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack limits.
+        efforts = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
+        efforts = np.where(efforts > 0.0, efforts, np.inf)  # A URDF may lack limits.
+        moments = np.zeros((model.nu, model.nv))
         links = [int(joint.bodyid[0]) for joint in joints]
         workspace = _workspace(model, data.qpos, body.arm)
         for command in np.hstack([path.poses, path.stiffness]):
@@ -114,22 +121,45 @@ def dry_run(
             position, twist = observation["joint_pos"], observation["ee_twist"]
             hand = data.site("hand").xpos
             arms.append(np.vstack([data.xpos[links], hand]))
+            # The torques that the controller wants, before they are limited.
+            mujoco.mju_sparse2dense(
+                *(moments, data.actuator_moment, data.moment_rownnz),
+                *(data.moment_rowadr, data.moment_colind),
+            )
+            torques = (data.actuator_force @ moments + data.qfrc_gravcomp)[moving]
             row = (
                 np.linalg.norm(forces),
                 np.linalg.norm(observation["wrench"][3:]),
                 np.linalg.norm(twist[:3]),
                 np.linalg.norm(twist[3:]),
                 info["door_angle"],
-                *-np.minimum(position - low, high - position),
-                *(np.abs(data.qfrc_actuator[moving]) / limits),
+                *observation["ee_pose"][:3],
+                *np.concatenate([position, np.abs(data.qvel[moving]), np.abs(torques)]),
             )
             values.append(row)
             if over:
                 break
-    force, torque, speed, turning, angle, *greatest = np.max(values, axis=0).tolist()
-    margins, efforts = np.split(np.array(greatest), 2)
-    near, strong = int(margins.argmax()), int(efforts.argmax())
-    moments = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
+    table = np.array(values).T
+    force, torque, speed, turning, angle = table[:5].max(axis=1).tolist()
+    positions, speeds, torques = np.split(table[8:], 3)
+    margins = np.minimum(positions.T - low, high - positions.T).min(axis=0)
+    shares = torques.max(axis=1) / efforts
+    near, strong = int(margins.argmin()), int(shares.argmax())
+    urdf = read_urdf(str(urdf_path(body.urdf)))
+    bounds = [urdf.joint_map[joint].limit for joint in body.arm]
+    velocities = [getattr(bound, "velocity", None) or np.inf for bound in bounds]
+    lowest, highest = np.reshape(limits.workspace, (2, 3))
+    quantities = (
+        ("force on the handle", ("",), table[0], 0.0, limits.force, "N"),
+        ("torque at the hand", ("",), table[1], 0.0, limits.moment, "N m"),
+        ("speed of the hand", ("",), table[2], 0.0, limits.linear_speed, "m/s"),
+        ("speed of the hand", ("",), table[3], 0.0, limits.angular_speed, "rad/s"),
+        ("hand's ", ("x", "y", "z"), table[5:8].T, lowest, highest, "m"),
+        ("position of ", body.arm, positions.T, low, high, "rad"),
+        ("speed of ", body.arm, speeds.T, 0.0, velocities, "rad/s"),
+        ("torque of ", body.arm, torques.T, 0.0, efforts, "N m"),
+    )
+    shown = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
     return DryRun(
         robot=body.name,
         base=body.base,
@@ -141,11 +171,12 @@ def dry_run(
         speed=speed,
         turning=turning,
         stiffness=float(path.stiffness[:, :3].max()),
-        joint_margin=(body.arm[near], -float(margins[near])),
-        effort_share=(body.arm[strong], float(efforts[strong])),
+        joint_margin=(body.arm[near], float(margins[near])),
+        effort_share=(body.arm[strong], float(shares[strong])),
         hand=np.array(arms)[:, -1],
-        arms=np.array(arms)[moments],
+        arms=np.array(arms)[shown],
         workspace=workspace,
+        exceeded=exceeded_limits(path.times, quantities),
     )
 
 

@@ -1,6 +1,7 @@
 """Commanded path of an agent without measurements: set-points and stiffness."""
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,8 @@ from gplfd_policies.arrays.shapes import Float, Outputs, Pose
 from gplfd_policies.control.stability import rate_bound
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
+_MOST_SAMPLES: Final = 60_000
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CommandedPath:
@@ -22,7 +25,7 @@ class CommandedPath:
     task frame.
 
     Raises:
-        ValueError: The stiffness rises faster than stable, or a pose is not finite.
+        ValueError: The stiffness rises faster than stable, or a number is not finite.
     """
 
     times: Float[np.ndarray, " M"]
@@ -45,8 +48,11 @@ class CommandedPath:
 
     def __post_init__(self) -> None:
         own_arrays(self, "times", "poses", "path", "std", "stiffness")
-        if not np.isfinite(self.poses).all():
-            raise ValueError("set-points must be finite")
+        for name in ("times", "poses", "path", "std", "stiffness"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(
+                    f"{name} must be finite along the path; learn the skill again"
+                )
         for sample, axis in np.argwhere(~(self.margin > 0.0)).tolist():
             raise ValueError(
                 f"at {self.times[sample]:.4g} s the stiffness of axis {axis} rises to "
@@ -108,8 +114,15 @@ def commanded_path(agent: CompliantAgent) -> CommandedPath:
     """Compute the commands of an agent for a hand that follows without force.
 
     The agent must be one of `gplfd_policies.registry.method.Method.open_loop`, whose
-    commands do not depend on the hand. The samples are one control period apart.
+    commands do not depend on the hand. The samples are one control period apart. Raises
+    a ValueError for a motion of more than 60,000 samples, and as `CommandedPath`.
     """
+    lasting = agent.movement.learned.duration
+    if lasting > _MOST_SAMPLES * agent.config.control_period:
+        raise ValueError(
+            f"the motion takes {lasting:.4g} s; commands are computed for at most "
+            f"{_MOST_SAMPLES * agent.config.control_period:.4g} s at this rate"
+        )
     agent.reset({})
     hand, free = agent.forecast().mean[0], np.zeros(6)
     steps, arrived = [], False

@@ -21,7 +21,55 @@ def _option(default: Any, text: str, **allowed: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ServeSettings:
+class OperatorLimits:
+    """Limits of an operator, which act on what is served and exported.
+
+    Raises:
+        ValueError: A number out of range, or contradictory limits.
+    """
+
+    workspace: Box = _option(
+        (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0),
+        "Least x y z and greatest x y z of the hand in the task frame [m].",
+    )
+    linear_speed: float = _option(2.0, "Greatest speed [m/s].", above=0.0)
+    angular_speed: float = _option(10.0, "Greatest speed [rad/s].", above=0.0)
+    force: float = _option(200.0, "Greatest measured force [N].", above=0.0)
+    moment: float = _option(50.0, "Greatest measured moment [N m].", above=0.0)
+    least_stiffness: Pair = _option(
+        (100.0, 10.0), "Least stiffness, to which a stop softens [N/m, N m/rad]."
+    )
+    greatest_stiffness: Pair = _option(
+        (2000.0, 500.0), "Greatest stiffness [N/m, N m/rad]."
+    )
+
+    def __post_init__(self) -> None:
+        # Not by `gplfd_env.validation`: NumPy would make every --help slow.
+        for field in dataclasses.fields(self):
+            value, bounds = getattr(self, field.name), field.metadata
+            low, above = bounds.get("low", -math.inf), bounds.get("above", -math.inf)
+            if bounds.keys() > {"help"} and not (
+                low <= value < math.inf and value > above
+            ):
+                least = f"{low} or more" if "low" in bounds else f"greater than {above}"
+                flag = field.name.replace("_", "-")
+                raise ValueError(f"--{flag} {value} must be finite and {least}")
+        ends = zip(self.workspace[:3], self.workspace[3:], strict=True)
+        if not all(-math.inf < low < high < math.inf for low, high in ends):
+            raise ValueError(
+                f"--workspace {self.workspace} must be least x y z and then greatest "
+                "x y z [m], all finite, each least below its greatest"
+            )
+        pairs = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
+        if not all(0.0 < low <= high < math.inf for low, high in pairs):
+            raise ValueError(
+                f"--least-stiffness {self.least_stiffness} must be positive and not "
+                f"above --greatest-stiffness {self.greatest_stiffness}, which is finite"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ServeSettings(OperatorLimits):
     """Served agent, address and limits; checked on creation.
 
     Raises:
@@ -62,20 +110,6 @@ class ServeSettings:
         0.5, "Soften and stop after this time without valid observation [s].", low=0.02
     )
     soften_time: float = _option(0.5, "Duration of softening [s].", above=0.0)
-    workspace: Box = _option(
-        (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0),
-        "Least x y z and greatest x y z of the hand in the task frame [m].",
-    )
-    linear_speed: float = _option(2.0, "Greatest speed [m/s].", above=0.0)
-    angular_speed: float = _option(10.0, "Greatest speed [rad/s].", above=0.0)
-    force: float = _option(200.0, "Greatest measured force [N].", above=0.0)
-    moment: float = _option(50.0, "Greatest measured moment [N m].", above=0.0)
-    least_stiffness: Pair = _option(
-        (100.0, 10.0), "Least stiffness, to which a stop softens [N/m, N m/rad]."
-    )
-    greatest_stiffness: Pair = _option(
-        (2000.0, 500.0), "Greatest stiffness [N/m, N m/rad]."
-    )
     follow_distance: float = _option(
         0.5, "Greatest distance of the hand from its command [m].", above=0.0
     )
@@ -87,30 +121,9 @@ class ServeSettings:
     )
 
     def __post_init__(self) -> None:
-        # Not by `gplfd_env.validation`: NumPy would make every --help slow.
-        for field in dataclasses.fields(self):
-            value, bounds = getattr(self, field.name), field.metadata
-            low, above = bounds.get("low", -math.inf), bounds.get("above", -math.inf)
-            if bounds.keys() > {"help"} and not (
-                low <= value < math.inf and value > above
-            ):
-                least = f"{low} or more" if "low" in bounds else f"greater than {above}"
-                flag = field.name.replace("_", "-")
-                raise ValueError(f"--{flag} {value} must be finite and {least}")
+        OperatorLimits.__post_init__(self)
         if self.start not in ("grasped", "approach"):
             raise ValueError(f"--start {self.start} must be grasped or approach")
-        ends = zip(self.workspace[:3], self.workspace[3:], strict=True)
-        if not all(-math.inf < low < high < math.inf for low, high in ends):
-            raise ValueError(
-                f"--workspace {self.workspace} must be least x y z and then greatest "
-                "x y z [m], all finite, each least below its greatest"
-            )
-        pairs = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
-        if not all(0.0 < low <= high < math.inf for low, high in pairs):
-            raise ValueError(
-                f"--least-stiffness {self.least_stiffness} must be positive and not "
-                f"above --greatest-stiffness {self.greatest_stiffness}, which is finite"
-            )
         if self.stop_after < self.hold_after:
             raise ValueError(
                 f"--stop-after {self.stop_after} must not be less than --hold-after "

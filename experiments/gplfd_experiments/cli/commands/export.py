@@ -1,5 +1,6 @@
 """The command export: writes a skill in file formats for robots."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -7,16 +8,18 @@ from typing import Annotated, Literal
 import tyro
 
 from gplfd_experiments.data.settings import POSE, numbers, of_text
+from gplfd_policies.serving.settings import OperatorLimits
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Export:
+class Export(OperatorLimits):
     """Write poses, σ, stiffness and damping of a skill for a robot.
 
     The stiffness is stable. The motion runs by the clock and does not react to
     measurements of the robot. Formats: CSV, TUM trajectory, JSON, and a ROS 2 bag with
-    the topics that crisp_controllers reads (pip install 'gplfd[ros]'). This was not
-    tried on hardware: read docs/skill-to-robot.md first.
+    the topics that crisp_controllers reads (pip install 'gplfd[ros]'). A motion beyond
+    the limits of the operator or of the robot is not written, with exit status 1. This
+    was not tried on hardware: read docs/skill-to-robot.md first.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL")]
@@ -56,10 +59,16 @@ class Export:
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
     file."""
 
+    allow: bool = False
+    """Write the files although limits are exceeded."""
+
     def execute(self) -> int:
         """Write the files and print their contents."""
         from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
-        from gplfd_experiments.workflows.exports import export_skill
+        from gplfd_experiments.workflows.exports import (
+            LimitsExceededError,
+            export_skill,
+        )
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
@@ -70,10 +79,21 @@ class Export:
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
         if self.robot is not None:
-            run = dry_run(self.skill, self.policy, self.robot, self.door, self.frame)
-        path, about = export_skill(
-            self.skill, outs, self.policy, self.rate, self.frame, self.tool
-        )
+            where = self.robot, self.door, self.frame
+            run = dry_run(self.skill, self.policy, *where, self)
+            print("\n".join(f"{name}: {value}" for name, value in run.rows()))
+        try:
+            path, about = export_skill(
+                *(self.skill, outs, self.policy, self.rate, self.frame, self.tool),
+                limits=self,
+                exceeded=run.exceeded if run else (),
+                allow=self.allow,
+            )
+        except LimitsExceededError as error:
+            for sentence in error.args:
+                print(f"gplfd: {sentence}", file=sys.stderr)
+            print("gplfd: nothing is written; --allow writes it", file=sys.stderr)
+            return 1
         print(
             f"{', '.join(map(str, outs))}: {len(path.times)} samples in the frame of "
             f"the {about['frame']['name']}, {path.times[-1]:.2f} s, demonstrated until "
@@ -83,6 +103,5 @@ class Export:
         if run is not None:
             picture = outs[0].with_name(f"{outs[0].stem}-workspace.png")
             draw_dry_run(run, picture)
-            print(f"\na dry run, drawn in {picture}:")
-            print("\n".join(f"{name}: {value}" for name, value in run.rows()))
+            print(f"the dry run is drawn in {picture}")
         return 0
