@@ -161,6 +161,52 @@ def test_bad_options_are_refused_before_anything_is_written(
     assert len(list(tmp_path.rglob("*"))) == 2
 
 
+BEYOND = {
+    "--frame=0.6,-0.1,1,0,0,0,1": (
+        "at 0.00 s the angle between y of --frame and up is 90 deg; 0 to 2 deg is"
+    ),
+    "--frame=0.6,-0.1,1,0,0,0,1 --robot ur5e-like": "the angle between y of --frame",
+    "--linear-speed 0.1": r"at 2.\d+ s the set-point's speed is 0.19.* 0 to 0.1 m/s is",
+    "--angular-speed 0.1": "the set-point's speed is .* 0 to 0.1 rad/s is",
+    "--workspace -1 -1 -1 0.1 1 1": "the set-point's x is .*; -1 to 0.1 m in the task",
+    "--greatest-stiffness 300 50": "the stiffness along y is 49.*; 100 to 300 N/m is",
+    "--least-stiffness 100 20": "the stiffness about x is .* 20 to 500 N m/rad is",
+    "--robot ur5e-like --force 1": "the force on the handle is .*; 0 to 1 N is",
+    "--robot tiago-like --door large": (
+        r"at 8.\d+ s the position of arm_6_joint is -1.41\d+ rad; -1.4137 to 1.4137 rad"
+    ),
+    "--robot weak.json": (
+        r"(?s)the speed of wrist_2_joint is 1.*; 0 to 0.3 rad/s .*"
+        r"the torque of wrist_1_joint is .* N m; 0 to 2 N m is"
+    ),
+}
+
+
+@pytest.mark.parametrize("words", BEYOND)
+def test_beyond_limits_nothing_is_written_unless_allowed(
+    skill_file, tmp_path, monkeypatch, capsys, words
+):
+    monkeypatch.chdir(tmp_path)
+    text = asset_path("ur5e_like.urdf").read_text().replace('effort="28"', 'effort="2"')
+    text = text.replace('velocity="3.1415926536"', 'velocity="0.3"')
+    (tmp_path / "weak.urdf").write_text(text)
+    arm = {"path": "weak.urdf", "home": [0, -1.2, 1.9, -0.7, 1.57, 0]}
+    (tmp_path / "weak.json").write_text(json.dumps(arm))
+    (tmp_path / "a.csv").write_text("an earlier file")
+    before = sorted(tmp_path.iterdir())
+    given = ["export", str(skill_file), "--out", "a.csv", "b.json", *words.split()]
+    assert cli.main(given) == 1
+    said = capsys.readouterr().err
+    assert re.search(BEYOND[words], said)
+    assert "gplfd: nothing is written; --allow writes it" in said
+    assert (tmp_path / "a.csv").read_text() == "an earlier file"
+    assert sorted(tmp_path.iterdir()) == before
+    if "--door" not in words and "weak" not in words:
+        assert cli.main([*given, "--allow"]) == 0
+        assert re.search(BEYOND[words], capsys.readouterr().err)
+        assert (tmp_path / "a.csv").read_text().startswith("# a gplfd commanded path")
+
+
 def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     out = tmp_path / "door.json"
     options = ["--out", str(out), "--robot", "ur5e-like", "--door", "small"]

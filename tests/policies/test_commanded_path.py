@@ -35,6 +35,19 @@ def path_of(stiffness, period=H):
     )
 
 
+def test_nothing_endless_or_not_finite_is_commanded(skill, commanded):
+    for name in ("times", "poses", "path", "std", "stiffness"):
+        values = getattr(commanded, name).copy()
+        values[-1] = np.nan
+        with pytest.raises(ValueError, match=f"{name} must be finite"):
+            replace(commanded, **{name: values})
+    endless = replace(skill, aligned=replace(skill.aligned, duration=599.0))
+    with pytest.raises(
+        ValueError, match="599 s; commands are computed for at most 60 s"
+    ):
+        commanded_path(GP.open_loop(0.001).follow(endless))
+
+
 @pytest.fixture(scope="module")
 def agent(skill):
     return GP.open_loop(H).follow(skill)

@@ -19,12 +19,19 @@ from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
 from gplfd_policies.registry.catalogue import method_and_skill
 from gplfd_policies.serving.settings import OperatorLimits
 
-_UPRIGHT: Final = 2.0  # How far y of a task frame may be from upright [°].
+UPRIGHT: Final = 2.0
+"""How far y of a task frame may be from upright in the frame of the base [°]."""
 _AXES: Final = {
     "task": "origin at the closed handle, x pulls, y up, z = x cross y; orientations "
     "are relative to that of the hand at the closed door",
     "base": "of the robot; orientations are those of its tool frame",
 }
+
+
+def tilt_of(frame: Sequence[float]) -> float:
+    """Return the angle between y of a frame, a position and a quaternion, and up [°]."""
+    up = Rotation.from_quat(frame[3:], scalar_first=True).as_matrix()[2, 1]
+    return float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))))
 
 
 class LimitsExceededError(Exception):
@@ -104,14 +111,13 @@ def export_skill(
             raise ValueError(f"--frame and --tool: {error}") from error
         path = path.seen_from(np.array([*frame[:3], *turns[0]]), turns[1])
         name = "base"
-        up = Rotation.from_rotvec(turns[0]).as_matrix()[2, 1:2]
-        tilt = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+        tilt[0] = tilt_of(frame)
     moved = np.linalg.norm(np.diff(path.poses[:, :3], axis=0), axis=1)
     turned = rotation_distance(path.poses[1:, 3:], path.poses[:-1, 3:])
     soft, stiff = limits.least_stiffness, limits.greatest_stiffness
     k, k_r = np.split(path.stiffness, 2, axis=1)
     quantities = (
-        ("angle between y of --frame and up", ("",), tilt, 0.0, _UPRIGHT, "deg"),
+        ("angle between y of --frame and up", ("",), tilt, 0.0, UPRIGHT, "deg"),
         ("set-point's ", axes, places, low, high, "m in the task frame"),
         ("set-point's speed", ("",), moved * rate, 0.0, limits.linear_speed, "m/s"),
         ("set-point's speed", ("",), turned * rate, 0.0, limits.angular_speed, "rad/s"),

@@ -66,8 +66,10 @@ class Export(OperatorLimits):
         """Write the files and print their contents."""
         from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
         from gplfd_experiments.workflows.exports import (
+            UPRIGHT,
             LimitsExceededError,
             export_skill,
+            tilt_of,
         )
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
@@ -78,7 +80,9 @@ class Export(OperatorLimits):
         if self.robot is None and self.door != "medium":
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
-        if self.robot is not None:
+        # No arm stands at a frame that is not upright: there is no dry run.
+        upright = self.frame is None or tilt_of(self.frame) <= UPRIGHT
+        if self.robot is not None and upright:
             where = self.robot, self.door, self.frame
             run = dry_run(self.skill, self.policy, *where, self)
             print("\n".join(f"{name}: {value}" for name, value in run.rows()))
