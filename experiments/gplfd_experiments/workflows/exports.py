@@ -29,7 +29,7 @@ _AXES: Final = {
 
 
 def tilt_of(frame: Sequence[float]) -> float:
-    """Return the angle between y of a frame, a position and a quaternion, and up [°]."""
+    """Return the angle [°] between up and y of a frame, position and quaternion."""
     up = Rotation.from_quat(frame[3:], scalar_first=True).as_matrix()[2, 1]
     return float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))))
 
