@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -138,6 +138,14 @@ class RobotConfig:
     """Collision geometry of a mobile robot, without its fingers."""
     stances: tuple[tuple[StanceGroup, Stance], ...]
     """Stances for groups of doors."""
+    content: bytes = field(default=b"", repr=False)
+    """Content of the URDF when it was read: a changed file is another robot."""
+    base_link: str = ""
+    """Link of the URDF that is mounted on the stand; "" for its root."""
+    effort: tuple[tuple[str, float], ...] = ()
+    """Limits of joints that replace the URDF's [N m]."""
+    velocity: tuple[tuple[str, float], ...] = ()
+    """The same of speeds [rad/s]."""
     search: Callable[["RobotConfig", StanceGroup], Stance] | None = None
     """Finds the stance for another group of doors."""
 

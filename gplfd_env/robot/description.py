@@ -4,11 +4,12 @@ Collision geometry of the URDF is left out: only finger pads touch a handle, and
 capsules replace the links of a mobile robot.
 """
 
+import io
 import logging
 import math
 import warnings
 import xml.etree.ElementTree as ET
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,9 +30,40 @@ PAD_BEHIND: Final = 0.02
 _PAD: Final = (0.01, 0.04, 0.08)
 """Thickness, width and length of a finger pad [m]."""
 
-_MOST_TURNED: Final = 4 * math.pi
-"""Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
-turn; larger values are nearly always degrees."""
+_TAKEN: Final = frozenset(
+    [
+        "world",
+        "motors",
+        "door_frame",
+        "door",
+        "handle",
+        "bolt",
+        "hinge",
+        "along",
+        "out",
+        "coordinate",
+        "stand_base",
+        "stand_lift",
+        "stand_lift_link",
+        "base_x_joint",
+        "base_y_joint",
+        "base_yaw_joint",
+        "drive_x_joint",
+        "drive_y_joint",
+        "drive_yaw_joint",
+        "gripper_link",
+        "gripper_left_finger_joint",
+        "gripper_left_finger_link",
+        "gripper_right_finger_joint",
+        "gripper_right_finger_link",
+        "gripper_link_mount",
+    ]
+)
+"""Names of bodies and joints in a scene that are not those of an arm."""
+
+_MESHES: Final = (".stl", ".obj", ".dae", ".ply", ".glb", ".off")
+_LARGEST: Final = 50 << 20
+"""Kinds and greatest size of a mesh that is read [bytes]."""
 
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
@@ -46,7 +78,7 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
         if joint.range[0] == joint.range[1]:
             # The joint is continuous; no door needs more than a turn to each side.
             joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
-    for body, mesh, geom in _meshes(str(path)):
+    for body, mesh, geom in _meshes(str(path), path.read_bytes()):
         spec.add_mesh(**mesh)
         spec.body(body).add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH, mass=0.0, **geom, **INTANGIBLE
@@ -72,38 +104,49 @@ def urdf_path(urdf: str) -> Path:
     raise FileNotFoundError(f"{urdf}: there is no such URDF")
 
 
-@lru_cache(maxsize=8)
+def prefixed(name: str) -> str:
+    """Return the name of a part of a URDF in the scene, where some names are taken."""
+    return f"urdf_{name}" if name in _TAKEN else name
+
+
 def read_urdf(path: str) -> Any:
     """Return a URDF as yourdfpy's object, without its meshes.
 
-    Raises a ValueError if the file is not a URDF, or a revolute joint has no limits in
-    radians, which neither yourdfpy nor MuJoCo explains.
+    Raises a ValueError if the file is not a URDF.
     """
+    return _read(path, Path(path).read_bytes())[0]
+
+
+@lru_cache(maxsize=8)
+def _read(path: str, content: bytes) -> tuple[Any, str]:
+    """Return a URDF as yourdfpy's object and as text, both with prefixed names."""
     import yourdfpy
 
     try:
-        urdf = yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
+        tree = ET.fromstring(content)
+        for element in tree.iter():
+            for attribute in ("name", "link", "joint"):
+                if element.tag != "visual" and attribute in element.attrib:
+                    element.set(attribute, prefixed(element.attrib[attribute]))
+        text = ET.tostring(tree)
+        urdf = yourdfpy.URDF.load(
+            io.BytesIO(text),
+            load_meshes=False,
+            load_collision_meshes=False,
+            filename_handler=partial(
+                yourdfpy.filename_handler_magic, dir=Path(path).parent
+            ),
+        )
     except Exception as error:
         raise ValueError(f"{path} is not a URDF of an arm: {error}") from error
-    for joint in urdf.joint_map.values():
-        limit = joint.limit
-        low, high = (limit and limit.lower) or 0.0, (limit and limit.upper) or 0.0
-        turns = joint.type == "revolute"
-        if turns and (not low < high or max(-low, high) > _MOST_TURNED):
-            raise ValueError(
-                f"{path}: the revolute joint {joint.name} has the limits {low:g} to "
-                f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
-                "from lower to upper and within two turns, or "
-                'type="continuous" if it has none'
-            )
-    return urdf
+    return urdf, text.decode()
 
 
 def _completed(robot: RobotConfig) -> str:
     """Return the URDF of a robot on its stand, with gripper and finger pads."""
     path = urdf_path(robot.urdf)
-    urdf = read_urdf(str(path))  # which also checks it
-    tree = ET.parse(path).getroot()
+    urdf, text = _read(str(path), path.read_bytes())  # which also checks it
+    tree = ET.fromstring(text)
     moving = {*robot.arm, *robot.fingers}
     for joint in tree.findall("joint"):
         for mimic in joint.findall("mimic"):
@@ -117,22 +160,34 @@ def _completed(robot: RobotConfig) -> str:
                     link.remove(shape)
     for other in tree.findall("mujoco"):
         tree.remove(other)
-    for element in tree.iter():
-        # MuJoCo reserves the name "world" for the fixed body.
-        for attribute in ("name", "link"):
-            if element.get(attribute) == "world":
-                element.set(attribute, "urdf_world")
     options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
-    children = {element.get("link") for element in tree.findall("joint/child")}
-    names = {str(element.get("name")) for element in tree.findall("link")}
-    (root,) = names - children
-    mounts = [("stand", "stand_lift_link", root, np.eye(3))]
+    root = robot.base_link or urdf.base_link
+    kept = {link for link in urdf.link_map if root in lineage(urdf, link)}
+    for link in tree.findall("link"):
+        if link.get("name") not in kept:
+            tree.remove(link)
+    for joint in tree.findall("joint"):
+        if urdf.joint_map[joint.get("name")].parent not in kept:
+            tree.remove(joint)
+    _mend_inertias(tree, urdf, robot, path.name)
+    for quantity, limits in (("effort", robot.effort), ("velocity", robot.velocity)):
+        for name, number in limits:
+            (joint,) = tree.findall(f"joint[@name='{name}']")
+            limit = joint.find("limit")
+            limit = ET.SubElement(joint, "limit") if limit is None else limit
+            limit.set(quantity, repr(number))
+    axes = urdf.get_transform(root, urdf.base_link)[:3, :3]
+    mounts = [("stand", "stand_lift_link", root, axes)]
     if robot.flange:
         axes = grasp_axes(*robot.flange_axes)
         mounts.append(("gripper", robot.flange, "gripper_link", axes))
     for part, parent, child, axes in mounts:
         added = ET.parse(asset_path(f"{part}.urdf")).getroot()
+        names = {shape.get("name") for shape in added.iter("visual")}
+        for shape in tree.iter("visual"):
+            if shape.get("name") in names:
+                del shape.attrib["name"]
         tree.extend(added)
         # A fixed joint with a rotation.
         attributes = {"name": f"{child}_mount", "type": "fixed"}
@@ -162,6 +217,50 @@ def _completed(robot: RobotConfig) -> str:
     return ET.tostring(tree, encoding="unicode")
 
 
+def lineage(urdf: Any, link: str) -> list[str]:
+    """Return a link of a URDF and those above it, up to the root."""
+    above = {joint.child: joint.parent for joint in urdf.joint_map.values()}
+    links = [link]
+    while links[-1] in above:
+        links.append(above[links[-1]])
+    return links
+
+
+def _mend_inertias(tree: ET.Element, urdf: Any, robot: RobotConfig, file: str) -> None:
+    """Leave out impossible inertias off the arm, balance those of moving links."""
+    turned = [urdf.joint_map[joint].child for joint in robot.arm]
+    mended: list[str] = []
+    for link in tree.findall("link"):
+        name, inertial = str(link.get("name")), link.find("inertial")
+        stated = urdf.link_map[name].inertial
+        mass = (stated and stated.mass) or 0.0
+        inertia = np.zeros((3, 3))
+        if stated is not None and stated.inertia is not None:
+            inertia = stated.inertia
+        least, middle, most = np.linalg.eigvalsh(inertia)
+        # The inertias of a body fulfil least + middle >= most.
+        if mass > 1e-9 and least > 1e-12 and least + middle - most > -1e-9:
+            continue
+        if inertial is not None:
+            link.remove(inertial)
+        if name not in turned and not (mass or most):
+            continue
+        mended.append(name)
+        if turned[0] in lineage(urdf, name):
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "mass", {"value": repr(max(mass, 1e-3))})
+            even = {"ixy": "0", "ixz": "0", "iyz": "0"}
+            for moment in ("ixx", "iyy", "izz"):
+                even[moment] = repr(max(float(np.trace(inertia)) / 3.0, 1e-6))
+            ET.SubElement(inertial, "inertia", even)
+    if mended:
+        warnings.warn(
+            f"{file}: no body has the inertia of {', '.join(mended)}; it is left out "
+            "off the arm, and the same about all axes on the arm",
+            stacklevel=2,
+        )
+
+
 def _origin(place: Array, axes: Array) -> dict[str, str]:
     turn = Rotation.from_matrix(axes).as_euler("xyz")
     return {
@@ -171,7 +270,9 @@ def _origin(place: Array, axes: Array) -> dict[str, str]:
 
 
 @lru_cache(maxsize=8)
-def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
+def _meshes(
+    path: str, content: bytes
+) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
     """Return the meshes of a URDF: link, fields of MuJoCo's mesh, fields of its geom.
 
     A file that cannot be read, or contains no mesh, is left out. One warning names
@@ -180,7 +281,7 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
     import trimesh
 
     logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh
-    meshes, urdf, absent = [], read_urdf(path), list[str]()
+    meshes, urdf, absent = [], _read(path, content)[0], list[str]()
     for link in urdf.robot.links:
         for number, visual in enumerate(link.visuals):
             mesh = visual.geometry.mesh
@@ -193,6 +294,10 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                         "no such file; it is searched from the folder of the URDF, "
                         "for package:// also in those above"
                     )
+                if Path(file).suffix.lower() not in _MESHES:
+                    raise ValueError(f"a mesh is a {', '.join(_MESHES)} file")
+                if Path(file).stat().st_size > _LARGEST:
+                    raise ValueError(f"it has more than {_LARGEST >> 20} MiB")
                 shape: Any = trimesh.load(file, force="mesh")
                 if len(shape.vertices) < 4:  # which MuJoCo refuses
                     raise ValueError("it holds no mesh")

@@ -1,5 +1,6 @@
 """The robots of this project by name, and other ways to specify a robot."""
 
+import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -45,7 +46,16 @@ def robot_named(spec: RobotSpec) -> RobotConfig:
         raise TypeError(
             f"robot must be a name, a path or a RobotConfig, got {type(spec).__name__}"
         )
-    return _named(os.fspath(spec))
+    name = os.fspath(spec)
+    if not name.endswith((".json", ".urdf")):
+        return _named(name)
+    content = [Path(name).read_bytes()]
+    if name.endswith(".json"):
+        with contextlib.suppress(ValueError, TypeError, KeyError, OSError):
+            content.append(
+                (Path(name).parent / json.loads(content[0])["path"]).read_bytes()
+            )
+    return _of_file(name, tuple(content))
 
 
 @lru_cache(maxsize=16)
@@ -55,17 +65,20 @@ def _named(name: str) -> RobotConfig:
     if name in _ARMS:
         arm = arm_of_urdf(name=name, **_ARMS[name])
         return replace(arm, stances=tabulated_stances(name))
+    raise ValueError(
+        f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
+        f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), tool and so on, "
+        "or a RobotConfig"
+    )
+
+
+@lru_cache(maxsize=16)
+def _of_file(name: str, content: tuple[bytes, ...]) -> RobotConfig:
     if name.endswith(".urdf"):
         return robot_of_urdf(name)
-    if not name.endswith(".json"):
-        raise ValueError(
-            f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
-            f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), tool and so "
-            "on, or a RobotConfig"
-        )
     file = Path(name)
     try:
-        arguments = json.loads(file.read_text(encoding="utf-8"))
+        arguments = json.loads(content[0])
         path = file.parent / arguments.pop("path")
         lists = {key: tuple(v) for key, v in arguments.items() if isinstance(v, list)}
         return robot_of_urdf(path, **arguments | lists)

@@ -6,9 +6,11 @@ yourdfpy reads the description and computes its kinematics.
 import itertools
 import math
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
@@ -25,7 +27,13 @@ from gplfd_env.robot.config import (
     Vector,
     grasp_axes,
 )
-from gplfd_env.robot.description import described_robot, read_urdf, urdf_path
+from gplfd_env.robot.description import (
+    described_robot,
+    lineage,
+    prefixed,
+    read_urdf,
+    urdf_path,
+)
 from gplfd_env.robot.placement import arm_addresses
 from gplfd_env.robot.search import searched_stance
 
@@ -64,11 +72,7 @@ def robot_of_urdf(
     try:
         model = described_robot(robot).compile()
     except ValueError as error:
-        raise ValueError(
-            f"{robot.urdf}: MuJoCo cannot simulate it: {error}; every link that moves "
-            "needs a mass and an inertia, and a name that neither the stand nor the "
-            "generic gripper has"
-        ) from error
+        raise ValueError(f"{robot.urdf}: MuJoCo cannot simulate it: {error}") from error
     if home is None:
         return replace(robot, search=searched_stance)
     data, arm, tool = mujoco.MjData(model), arm_addresses(model, robot), robot.tool
@@ -122,9 +126,11 @@ def arm_of_urdf(
     base: Base = "fixed",
     tool: str = "",
     grasp_point: Vector | None = None,
-    approach: Vector = (0.0, 0.0, 1.0),
+    approach: Vector | None = None,
     closing: Vector | None = None,
     fingers: tuple[str, str] | None = None,
+    effort: float | Mapping[str, float] = MappingProxyType({}),
+    velocity: float | Mapping[str, float] = MappingProxyType({}),
 ) -> RobotConfig:
     """Read the URDF of an arm for a stand or a mobile base; it has no stances yet.
 
@@ -133,20 +139,25 @@ def arm_of_urdf(
             joints but the fingers' are locked.
         name: Name in messages; by default the name in the URDF.
         base: Whether the stand is fixed or mobile.
-        tool: Link of the hand; by default the link of the fingers, or the last link of
-            the longest chain.
+        tool: Link of the hand; by default the link of the fingers, or the link before
+            the gripper at the end of the longest chain, or that chain's last link.
         grasp_point: Between the finger tips, frame of the tool [m]; needed with
             fingers. For the generic gripper it is 0.16 m beyond the tool.
-        approach: Direction in which the hand approaches, frame of the tool.
+        approach: Direction in which the hand approaches, frame of the tool; by default
+            z with fingers, otherwise the axis of the tool that leads away from the
+            last joint.
         closing: Direction in which the first finger opens, frame of the tool; by
             default the direction of its joint, or the tool's x axis for the generic
             gripper.
         fingers: Two prismatic joints, zero when closed; None for an arm without a
             gripper, which gets the generic one.
+        effort: Limit of every joint, or of some by name, for a URDF without [N m].
+        velocity: The same of the speed [rad/s].
     """
     path = urdf_path(os.fspath(path))
-    urdf = read_urdf(str(path))
+    urdf, tool = read_urdf(str(path)), prefixed(tool)
     if fingers is not None:
+        fingers = prefixed(fingers[0]), prefixed(fingers[1])
         joints = [urdf.joint_map.get(finger) for finger in fingers]
         for finger, joint in zip(fingers, joints, strict=True):
             limit = joint and joint.type == "prismatic" and joint.limit
@@ -163,10 +174,13 @@ def arm_of_urdf(
                 f"{path.name}: give grasp_point, where the finger tips meet in the "
                 f"frame of {tool} [m]"
             )
-    arm = _arm_of(urdf, path, tool)
-    tool = tool or arm[-1][1]
+    arm, tool = _arm_of(urdf, path, tool)
+    if approach is None:
+        approach = (0.0, 0.0, 1.0) if fingers else _outwards(urdf, arm, tool)
     approach = _unit("approach", approach)
-    closing = _unit("closing", (1.0, 0.0, 0.0) if closing is None else closing)
+    across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
+    closing = _unit("closing", across if closing is None else closing)
+    limits = _limits(urdf, path, arm, {"effort": effort, "velocity": velocity})
     if abs(np.dot(approach, closing)) > 1e-6:
         raise ValueError(
             f"approach {approach} and closing {closing} must be perpendicular"
@@ -204,12 +218,16 @@ def arm_of_urdf(
     return RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
+        content=path.read_bytes(),
+        base_link=_base_of(urdf, arm[0][0]),
         base=base,
         arm=tuple(joint for joint, _ in arm),
         armature=(_ARMATURE,) * len(arm),
         forearm=arm[len(arm) // 2][1],
         capsules=tuple(capsules),
         stances=(),
+        effort=limits["effort"],
+        velocity=limits["velocity"],
         **parts,
     )
 
@@ -223,39 +241,168 @@ def _unit(what: str, vector: Any) -> Vector:
     return x, y, z
 
 
-def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
-    """Return the revolute joints from the root to a tool, each with the link it moves.
+def chosen(robot: RobotConfig) -> str:
+    """Return what was chosen in a URDF, in words."""
+    hand = f"the generic gripper on {robot.flange}" if robot.flange else robot.tool
+    return (
+        f"{robot.name}: joints {', '.join(robot.arm)}; hand: {hand}; on the stand: "
+        f"{robot.base_link or 'the root link'}"
+    )
 
-    If no tool is given, the last link of the chain with most revolute joints is the
-    tool; it is the link of the last pair.
+
+_HAND: Final = re.compile("gripper|finger|jaw|thumb|knuckle|claw", re.IGNORECASE)
+_RIGHT: Final = re.compile("(?i:right)|(?<![A-Za-z])[rR](?![a-z])")
+_SIDE: Final = re.compile("(?i:left|right)|(?<![A-Za-z])[lrLR](?![a-z])")
+
+
+def _arm_of(urdf: Any, path: Path, tool: str) -> tuple[list[tuple[str, str]], str]:
+    """Return the turning joints up to a tool, with their links, and the tool.
+
+    If no tool is given, it is the link before the gripper of the chain with most
+    turning joints, or the last link of that chain. Behind five turning joints a gripper
+    begins where the chain branches into parts that move, or at a joint that slides, is
+    mimicked or mimics, or is named like one.
     """
-    above = {joint.child: joint for joint in urdf.joint_map.values()}
+    joints = list(urdf.joint_map.values())
+    above = {joint.child: joint for joint in joints}
+    parents = {joint.parent for joint in joints}
+    mimicked = {joint.mimic.joint for joint in joints if joint.mimic is not None}
     if tool and tool not in urdf.link_map:
         raise ValueError(
             f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
             "give one of them as tool"
         )
 
-    def chain(link: str) -> list[tuple[str, str]]:
-        joints = []
-        while link in above:
-            joint = above[link]
-            if joint.type in ("revolute", "continuous") and joint.mimic is None:
-                joints.append((joint.name, joint.child))
-            link = joint.parent
-        return joints[::-1]
+    def chain(link: str) -> list[Any]:
+        return [*chain(above[link].parent), above[link]] if link in above else []
 
-    parents = {joint.parent for joint in urdf.joint_map.values()}
-    ends = [tool] if tool else [link for link in urdf.link_map if link not in parents]
-    # Of equally long chains the last link in the file: a frame at the flange.
-    last = max(reversed(ends), key=lambda link: len(chain(link)))
-    arm = chain(last)
-    if len(arm) < 6:
+    moving: set[tuple[str, str]] = set()  # Links and children with a moving part.
+    for joint in joints:
+        if joint.type != "fixed":
+            moving |= {(over.parent, over.child) for over in chain(joint.child)}
+
+    def arm_to(link: str) -> tuple[list[tuple[str, str]], str]:
+        arm: list[tuple[str, str]] = []
+        for joint in chain(link):
+            turns = joint.type in ("revolute", "continuous")
+            branches = sum(parent == joint.parent for parent, _ in moving)
+            ends = (
+                joint.type not in ("fixed", "revolute", "continuous")
+                or joint.mimic is not None
+                or joint.name in mimicked
+                or (joint.type != "fixed" and _HAND.search(joint.name))
+                or (len(arm) >= 6 and _HAND.search(joint.child))
+            )
+            if not tool and len(arm) >= 5 and (ends or branches > 1):
+                return arm, joint.parent
+            if turns and joint.mimic is None:
+                arm.append((joint.name, joint.child))
+        return arm, link
+
+    arms: dict[tuple[tuple[str, str], ...], str] = {}
+    for link in [tool] if tool else [n for n in urdf.link_map if n not in parents]:
+        arm, end = arm_to(link)
+        key = tuple(arm)
+        # The link before a gripper, else the last link in the file: often the flange.
+        if arms.get(key) is None or arms[key] not in parents or end in parents:
+            arms[key] = end
+    most = max(map(len, arms))
+    longest = {key: end for key, end in arms.items() if len(key) == most}
+    ends = list(longest.values())
+    if most < 6:
         raise ValueError(
-            f"{path.name}: {len(arm)} turning joints lead to {last!r}; a hand at a "
+            f"{path.name}: {most} turning joints lead to {ends[-1]!r}; a hand at a "
             "door needs six or more: give tool, the link of the hand"
         )
-    return arm if tool else [*arm[:-1], (arm[-1][0], last)]
+    if len({_SIDE.sub("*", key[-1][0]) for key in longest}) > 1 or len(ends) > 2:
+        raise ValueError(
+            f"{path.name}: {', '.join(ends)} are ends of equally long chains; give one "
+            f'as tool, in a .json: {{"path": "{path.name}", "tool": "{ends[-1]}"}}'
+        )
+    # Of two arms the right one.
+    right = max(longest, key=lambda key: bool(_RIGHT.search(key[-1][0])))
+    return list(right), longest[right]
+
+
+def _outwards(urdf: Any, arm: list[tuple[str, str]], tool: str) -> Vector:
+    """Return the axis of a tool that leads away from the last joint."""
+    (_, before), (last, link) = arm[-2:]
+    pose, axis = urdf.get_transform(tool, link), np.array(urdf.joint_map[last].axis)
+    away = pose[:3, 3]
+    if np.linalg.norm(away) < 0.02:
+        along = axis @ urdf.get_transform(before, link)[:3, 3]
+        away = axis * -np.sign(along) if abs(along) > 1e-3 else pose[:3, 2]
+    away = pose[:3, :3].T @ away
+    direction = [0.0, 0.0, 0.0]
+    most = int(np.abs(away).argmax())
+    direction[most] = math.copysign(1.0, away[most])
+    x, y, z = direction
+    return x, y, z
+
+
+def _base_of(urdf: Any, first: str) -> str:
+    """Return the link on the stand: "" for the root, unless it is far or moves."""
+    base, *above = lineage(urdf, urdf.joint_map[first].parent)
+    moves = any(
+        joint.type != "fixed" and joint.child in (base, *above)
+        for joint in urdf.joint_map.values()
+    )
+    far = urdf.get_transform(base, urdf.base_link)[2, 3] > 0.5
+    return base if moves or far else ""
+
+
+_UNITS: Final = {"effort": "N m", "velocity": "rad/s"}
+
+_MOST_TURNED: Final = 4 * math.pi
+"""Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
+turn; larger values are nearly always degrees."""
+
+
+def _limits(
+    urdf: Any,
+    path: Path,
+    arm: list[tuple[str, str]],
+    limits: Mapping[str, float | Mapping[str, float]],
+) -> dict[str, tuple[tuple[str, float], ...]]:
+    """Return limits that replace those of a URDF; refuse a joint of the arm without."""
+    joints = [urdf.joint_map[name] for name, _ in arm]
+    for joint in joints:
+        limit = joint.limit
+        low, high = (limit and limit.lower) or 0.0, (limit and limit.upper) or 0.0
+        turns = joint.type == "revolute"
+        if turns and (not low < high or max(-low, high) > _MOST_TURNED):
+            raise ValueError(
+                f"{path}: the revolute joint {joint.name} has the limits {low:g} to "
+                f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
+                "from lower to upper and within two turns, or "
+                'type="continuous" if it has none'
+            )
+    replaced, missing = {}, []
+    for what, values in limits.items():
+        if isinstance(values, Mapping):
+            replaced[what] = {prefixed(name): float(n) for name, n in values.items()}
+        else:
+            replaced[what] = {joint.name: float(values) for joint in joints}
+        without = [
+            joint.name
+            for joint in joints
+            if not replaced[what].get(joint.name, getattr(joint.limit, what, 0) or 0)
+            > 0
+        ]
+        if without:
+            missing.append(
+                f"{what} of {', '.join(without)} (in a .json: "
+                f'"{what}": {{"{without[0]}": ...}}, or one number for all, '
+                f"{_UNITS[what]})"
+            )
+        if unknown := replaced[what].keys() - {joint.name for joint in joints}:
+            raise ValueError(f"{what} names {min(unknown)}, no joint of the arm")
+    if missing:
+        raise ValueError(
+            f"{path.name}: 0 or nothing would mean no limit; write in <limit>, or give "
+            f"the {' and the '.join(missing)}"
+        )
+    return {what: tuple(values.items()) for what, values in replaced.items()}
 
 
 def _camera(axes: Array, point: Array) -> tuple[Vector, Vector, Vector]:

@@ -1,8 +1,10 @@
 """Robots besides the default one: from their URDF to an open door."""
 
+import contextlib
 import dataclasses
 import json
 import math
+import zipfile
 
 import gymnasium as gym
 import mujoco
@@ -20,7 +22,7 @@ from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.robot.urdf import robot_of_urdf
+from gplfd_env.robot.urdf import chosen, robot_of_urdf
 from gplfd_env.scene.build import build_scene
 
 ARMS = ("panda-like", "ur5e-like")
@@ -208,7 +210,8 @@ LIMIT = '<limit lower="-6.28318530718" upper="6.28318530718"'
     ("old", "new", "message"),
     [
         (UR5E.read_text(), "", "is not a URDF of an arm"),
-        ("tool0", "gripper_link", "MuJoCo cannot simulate it.*repeated URDF name"),
+        ('effort="150"', 'effort="0"', r"effort of shoulder_pan_joint.*\.json: .eff"),
+        ('velocity="3.1415926536"', "", "velocity of shoulder_pan_joint.*rad/s"),
         (LIMIT, '<limit lower="-360" upper="360"', "-360 to 360; give .* not deg"),
         (LIMIT, "<limit", "the limits 0 to 0; give .* or type=.continuous."),
     ],
@@ -218,3 +221,99 @@ def test_a_mistake_in_a_urdf_is_told(tmp_path, old, new, message):
     assert old in text
     with pytest.raises(ValueError, match=message):
         robot_of_urdf(described(tmp_path, text.replace(old, new)), HOME)
+
+
+LINK = (
+    '<link name="{}"><inertial><mass value="{}"/><inertia ixx="{}" ixy="0" ixz="0" '
+    'iyy="0.001" iyz="0" izz="0.001"/></inertial></link>'
+)
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>{}</joint>'
+JAW = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="5" velocity="1"/>'
+
+
+def attached(name, kind, link, child, rest="", mass=0.1, inertia=0.001):
+    """Return a link behind another one."""
+    return LINK.format(child, mass, inertia) + JOINT.format(
+        name, kind, link, child, rest
+    )
+
+
+@pytest.mark.parametrize(
+    ("added", "tool", "warning"),
+    [
+        ("", "tool0", None),
+        # A gripper: named so, mimicked, sliding, or with two fingers.
+        (attached("jaw", "revolute", "tool0", "moves", JAW), "tool0", None),
+        (
+            attached("drive", "revolute", "tool0", "near", JAW)
+            + attached("m", "revolute", "tool0", "far", JAW + '<mimic joint="drive"/>'),
+            "tool0",
+            None,
+        ),
+        (attached("slide", "prismatic", "tool0", "moves", JAW), "tool0", None),
+        (
+            attached("palm", "fixed", "tool0", "gripper_link")
+            + attached("a", "revolute", "gripper_link", "a", JAW)
+            + attached("b", "revolute", "gripper_link", "b", JAW),
+            "tool0",
+            None,
+        ),
+        # Impossible inertias, off the arm, and beyond the tool.
+        (attached("p", "fixed", "base_link", "plate", inertia=1), "tool0", "plate"),
+        (attached("q", "fixed", "wrist_3_link", "ft", inertia=1), "ft", "ft; it is"),
+        # Wheels and other parts without limits do not matter either.
+        (attached("w", "revolute", "base_link", "wheel"), "tool0", None),
+        # Names of the door, stand and gripper.
+        (attached("hinge", "fixed", "tool0", "handle"), "urdf_handle", None),
+    ],
+)
+def test_the_arm_is_what_lies_before_its_gripper(tmp_path, added, tool, warning):
+    text = UR5E.read_text().replace("</robot>", added + "</robot>")
+    path = described(tmp_path, text)
+    with (
+        pytest.warns(UserWarning, match=f"no body has the inertia of {warning}")
+        if warning
+        else contextlib.nullcontext()
+    ):
+        robot = robot_of_urdf(path)
+    assert robot.arm == robot_named("ur5e-like").arm
+    assert robot.flange == tool
+    assert f"the generic gripper on {tool}" in chosen(robot)
+
+
+def test_limits_of_a_json_replace_those_of_the_urdf(tmp_path):
+    described(tmp_path, UR5E.read_text().replace('effort="150"', 'effort="0"'))
+    file = tmp_path / "arm.json"
+    home = {"path": "arm.urdf", "home": HOME}
+    file.write_text(json.dumps(home | {"effort": 40.0}))
+    model = build_scene(DOORS["medium"], robot=robot_named(file))
+    assert model.jnt_actfrcrange[model.joint("wrist_3_joint").id, 1] == 40.0
+    file.write_text(json.dumps(home | {"effort": {"elbow": 40.0}}))
+    with pytest.raises(ValueError, match="elbow, no joint of the arm"):
+        robot_named(file)
+
+
+def test_a_changed_file_is_another_robot(tmp_path):
+    path = described(tmp_path, UR5E.read_text())
+    file = tmp_path / "arm.json"
+    file.write_text(json.dumps({"path": "arm.urdf", "home": HOME}))
+    before = build_scene(DOORS["medium"], robot=robot_named(file))
+    path.write_text(UR5E.read_text().replace("wrist_3_joint", "roll"))
+    after = robot_named(file)
+    assert after.arm[-1] == "roll"
+    assert build_scene(DOORS["medium"], robot=after).joint("roll").id > 0
+    assert before.joint("wrist_3_joint").id > 0
+    file.write_text(json.dumps({"path": "arm.urdf", "home": HOME, "base": "mobile"}))
+    assert robot_named(file).base == "mobile"
+
+
+def test_an_archive_is_no_mesh(tmp_path):
+    text = UR5E.read_text()
+    geometry = text[text.index("<geometry>") : text.index("</geometry>") + 11]
+    mesh = '<geometry><mesh filename="part.zip"/></geometry>'
+    path = described(tmp_path, text.replace(geometry, mesh, 1))
+    trimesh.creation.box([0.1, 0.2, 0.3]).export(tmp_path / "part.stl")
+    with zipfile.ZipFile(tmp_path / "part.zip", "w") as archive:
+        archive.write(tmp_path / "part.stl", "part.stl")
+    with pytest.warns(UserWarning, match=r"without part\.zip: a mesh is a \.stl"):
+        robot_of_urdf(path)

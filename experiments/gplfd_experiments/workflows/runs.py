@@ -10,8 +10,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import mujoco
+import numpy as np
 
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.robots import robot_named
+from gplfd_env.robot.urdf import chosen
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.console.arguments import (
     check_circumstances,
@@ -87,6 +91,9 @@ def open_doors(
     if settings.video is not None:
         videos = video_paths(settings.video, [task.door for task in tasks])
         check_video()
+    body = robot_named(settings.robot)
+    if body.search is not None:
+        LOG.info(chosen(body))
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     looks: BodyMeshes | None = None
@@ -125,6 +132,8 @@ def open_doors(
                 images = write_video(video, log, model, STANDARD)
                 seconds = images / STANDARD.rate
                 LOG.info("wrote %s (%d pictures, %.1f s)", video, images, seconds)
+            if joint := _joint_at_limit(log, model, body):
+                LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
             ended = f"not opened ({why})" if why else "opened"
             angle = round(measured["final_angle_deg"], 1) + 0.0  # not -0.0
@@ -135,6 +144,14 @@ def open_doors(
             )
         write_json(folder / METRICS, metrics)
     return metrics
+
+
+def _joint_at_limit(log: EpisodeLog, model: mujoco.MjModel, robot: RobotConfig) -> str:
+    """Return the joint of the arm that came within 0.01 rad of a limit, or ""."""
+    low, high = model.jnt_range[[model.joint(name).id for name in robot.arm]].T
+    angles = log.motion.joint_pos
+    margins = np.minimum(angles - low, high - angles).min(0)
+    return robot.arm[int(margins.argmin())] if margins.min() < 0.01 else ""
 
 
 def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
