@@ -12,8 +12,7 @@ Nothing here depends on a simulator::
 
 A name is imported when it is first used: all of them together take a second. From then
 on, the BLAS of NumPy and SciPy computes on one thread in this process, so that numbers
-do not depend on the machine's number of cores. Where threadpoolctl is not installed,
-set ``OPENBLAS_NUM_THREADS=1`` before Python starts.
+do not depend on the machine's number of cores.
 """
 
 import ast

@@ -79,7 +79,7 @@ def alone(tmp_path):
         return subprocess.run(
             [sys.executable, "-c", ALONE + program, *arguments],
             cwd=tmp_path,
-            env={"OPENBLAS_NUM_THREADS": "1"} | same,
+            env=same,
             capture_output=True,
             text=True,
             check=False,
@@ -106,6 +106,8 @@ def test_agents_act_bit_for_bit_as_with_everything(alone, tmp_path, monkeypatch)
     np.savez("seen.npz", poses=poses, wrenches=wrenches)
     ended = alone(ACT + "np.savez('done.npz', **done)\n")
     assert ended.returncode == 0, ended.stderr
+    ended = alone(ACT.replace('make_agent("gp"', 'make_agent("gmr"'))
+    assert "which is not installed; pip install scikit-learn" in ended.stderr
     here = {}
     exec(ACT, here)
     with np.load("done.npz") as there:

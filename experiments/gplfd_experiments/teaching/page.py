@@ -79,7 +79,9 @@ class Session:
             self._begin()
         elif press == "finish":
             self.phase = "finished"
-            self._message = f"{len(self._store.kept)} in {self._store.place}."
+            number, place = len(self._store.kept), self._store.place
+            what = "recording is" if number == 1 else "recordings are"
+            self._message = f"Finished: {number} {what} kept in {place}."
 
     def _stop(self, now: float) -> None:
         try:

@@ -127,7 +127,9 @@ def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
     with_it = [somebody("start"), somebody(times=60)][1]
     assert (with_it["door"], with_it["angle"] != alone["angle"]) == ("small", True)
     assert somebody("discard")["door"] == "medium"
-    assert somebody("finish")["message"] == f"1 in {store.place}."
+    assert somebody("finish")["message"] == (
+        f"Finished: 1 recording is kept in {store.place}."
+    )
 
 
 def send(port: int, body: Any, **headers: str) -> tuple[int, str]:

@@ -162,7 +162,14 @@ def fit_gmr(
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
     # The import takes half a second.
-    from sklearn.mixture import GaussianMixture
+    try:
+        from sklearn.mixture import GaussianMixture
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "mixtures are fitted by scikit-learn, which is not installed; "
+            "pip install scikit-learn",
+            name=error.name,
+        ) from None
 
     # Expectation maximisation from one component for each of C equal bins of time.
     parts = np.array_split(samples, config.components, axis=1)
