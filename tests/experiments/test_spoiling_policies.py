@@ -54,7 +54,7 @@ ERRORS = {
     "forking": "ValueError: Agent.act returned array([nan, nan,",
     "leaving": "its process ended: exit status 3, in the policy's code",
     "killed": "its process ended: signal 9, in the policy's code",
-    "hanging": "TimeoutError: the policy did not return within 1 s (limits: 900 s to",
+    "hanging": "TimeoutError: the policy did not return (limits: 900 s to learn",
 }
 
 

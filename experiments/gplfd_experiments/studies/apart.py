@@ -26,13 +26,16 @@ _GRACE: Final = 10.0
 """Time for a policy to end after a TimeoutError was raised in it [s]."""
 _HANGS: Final = 124
 """Exit status of a process whose policy does not end."""
+_ENDLESS: Final = (
+    f"the policy did not return (limits: {LEARNING_LIMIT:g} s to learn, "
+    f"{STEP_LIMIT:g} s for a control step)"
+)
+_ALARM: Final = getattr(signal, "SIGALRM", None)  # not on Windows
 _CHILD: Final = "from gplfd_experiments.studies.apart import child; child()"
 
 
 class ProcessEndedError(Exception):
-    """The process of a policy ended without a result; it may have been `killed`."""
-
-    killed = False
+    """The process of a policy ended without a result: the reason, and its status."""
 
 
 def call_apart(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -63,14 +66,8 @@ def call_apart(function: Callable[..., Any], *arguments: Any) -> Any:
                 warnings.warn(text, stacklevel=2)
             return result
     ended = f"signal {-status}" if status < 0 else f"exit status {status}"
-    error = ProcessEndedError(f"its process ended: {ended}, in the policy's code")
-    if status == _HANGS:
-        error = ProcessEndedError(
-            f"the policy does not return (limits: {LEARNING_LIMIT:g} s to learn, "
-            f"{STEP_LIMIT:g} s for a control step)"
-        )
-    error.killed = status == -9
-    raise error
+    reason = f"its process ended: {ended}, in the policy's code"
+    raise ProcessEndedError(_ENDLESS if status == _HANGS else reason, status)
 
 
 def child() -> None:
@@ -94,15 +91,15 @@ class _TimeLimit:
     def __init__(self) -> None:
         self._process, self._parent = os.getpid(), os.getppid()
         self.allow(LEARNING_LIMIT)
-        signal.signal(signal.SIGALRM, self._raise)
+        if _ALARM is not None:
+            signal.signal(_ALARM, _stop)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def allow(self, seconds: float) -> None:
         """Set the time until the next call."""
         if os.getpid() != self._process:
             os._exit(0)  # a copy of this process that the policy forked
-        self._seconds, self._late = seconds, False
-        self._until = time.monotonic() + seconds
+        self._late, self._until = False, time.monotonic() + seconds
 
     def _watch(self) -> None:
         while os.getppid() == self._parent:
@@ -110,12 +107,11 @@ class _TimeLimit:
                 if self._late:
                     os._exit(_HANGS)
                 self._late, self._until = True, self._until + _GRACE
-                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGALRM)
+                if _ALARM is not None:
+                    signal.pthread_kill(threading.main_thread().ident or 0, _ALARM)
             time.sleep(0.5)
         os._exit(1)
 
-    def _raise(self, *_: object) -> None:
-        raise TimeoutError(
-            f"the policy did not return within {self._seconds:g} s (limits: "
-            f"{LEARNING_LIMIT:g} s to learn, {STEP_LIMIT:g} s for a control step)"
-        )
+
+def _stop(*_: object) -> None:
+    raise TimeoutError(_ENDLESS)

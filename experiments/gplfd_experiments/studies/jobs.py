@@ -59,7 +59,8 @@ def run_job(
         return results
     except ProcessEndedError as error:
         if len(job) == 1:
-            return [failed(job[0], str(error), lost=error.killed)]
+            reason, status = error.args
+            return [failed(job[0], reason, lost=status == -9)]
     return [result for task in job for result in run_job((task,), files, recordings)]
 
 
