@@ -18,6 +18,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import named_doors
+from gplfd_experiments.files.folders import folder_in_use
 from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.registry.catalogue import POLICIES
@@ -56,24 +57,53 @@ def test_run_writes_metrics_logs_recordings_and_settings(gplfd, tmp_path, capsys
     assert f"gplfd view {out / 'small.rrd'}" in printed.out
     assert "0.42: opened" in printed.err
 
-    # The next run replaces what this one wrote, and nothing else.
-    (out / "notes.npz").touch()
-    assert gplfd(*ORACLE, "--doors", "small", "--out", str(out), "--json") == 0
-    assert files(out) == WRITTEN | {"notes.npz"}
-    metrics = json.loads((out / "metrics.json").read_text())
-    assert json.loads(capsys.readouterr().out) == metrics
 
-
-def test_run_removes_nothing_that_is_not_of_a_run(refused, gplfd, tmp_path):
-    (tmp_path / "run.json").write_text('{"config": {"policy": "gp"}}')
-    assert "run.json does not list the files" in refused(*ORACLE, "--out", ".")
-    (tmp_path / "mine.npz").touch()
-    doors = {"../mine": {}, str(tmp_path / "mine"): {}}
+@pytest.mark.parametrize("name", ["run.json", "small.rrd", "demonstrations.npz"])
+def test_earlier_results_are_named_and_kept(name, refused, tmp_path):
     (tmp_path / "out").mkdir()
-    record = tmp_path / "out" / "run.json"
-    record.write_text(json.dumps({"config": {"door_configs": doors}}))
-    assert gplfd(*ORACLE, "--doors", "0.42", "--out", "out") == 0
-    assert (tmp_path / "mine.npz").exists()
+    (tmp_path / "out" / name).write_text("mine")
+    message = refused(*ORACLE, "--doors", "small", "--out", "out")
+    assert message.endswith(
+        f"holds earlier results ({name}); remove them, or give another --out"
+    )
+    assert (tmp_path / "out" / name).read_text() == "mine"
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from gplfd_experiments.files.folders import folder_in_use
+with folder_in_use(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_folder_is_of_one_process_until_it_dies(refused, tmp_path):
+    words = [sys.executable, "-c", HOLD, str(tmp_path / "r")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout
+        assert other.stdout.readline() == "held\n"
+        for command in ("run", "benchmark", "trials --part small"):
+            message = refused(*command.split(), "--out", "r")
+            assert message.startswith("r is in use by another command")
+        other.kill()
+    with folder_in_use(tmp_path / "r") as path:
+        assert path == tmp_path / "r"
+    assert not path.exists(), "it is empty"
+
+
+def test_a_policy_that_changes_the_folder_does_not_move_the_results(gplfd, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "moves.py").write_text(
+        "import os\nfrom gplfd_policies import make_agent\ndef make(training):\n"
+        f"    os.chdir({str(tmp_path / 'there')!r})\n"
+        "    return make_agent('oracle', training.demonstrations)\n"
+    )
+    words = ("--policy", "moves.py:make", "--doors", "small", "--out", "out")
+    assert gplfd("run", *words) == 0
+    assert files(tmp_path / "out") == WRITTEN
+    assert not files(tmp_path / "there")
 
 
 def test_run_learns_from_a_file_and_the_same_seed_gives_the_same_log(gplfd, tmp_path):
@@ -108,12 +138,12 @@ def test_a_run_that_ends_early_leaves_complete_files(
 
     with monkeypatch.context() as patch:
         patch.setattr(runs, "rollout", fail)
-        assert refused(*run, "--seed", "1") == "no pose"
+        assert refused(*run[:-3], "--out", "new") == "no pose"
     assert {file: file.read_bytes() for file in before} == before
     monkeypatch.setattr(runs, "record_episode", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        gplfd(*run)
-    assert files(tmp_path / "out") == {"run.json", "demonstrations.npz", "small.npz"}
+        gplfd(*run[:-3], "--out", "new")
+    assert files(tmp_path / "new") == {"run.json", "demonstrations.npz", "small.npz"}
 
 
 def test_a_run_may_be_randomized_and_disturbed(gplfd, tmp_path):
@@ -148,7 +178,20 @@ REFUSED = [
     ("correct none.npz --port 70000 --device mouse", "--port 70000 must be 0 to"),
     ("figures --only fig02 fig08", "no figure 'fig08'; figures: fig02, fig03, fig"),
     ("benchmark --policies table-1 gp", "gp is given twice in --policies"),
-    ("benchmark --seeds 1000000000", "--seeds 1000000000 must be 1 to 100000"),
+    ("benchmark --seeds 1000000000", "90,000,000,000 tasks are more than the 100,0"),
+    (
+        "benchmark --seeds 9000 --doors small --policies gp --teacher-noise 1 2 3 4",
+        "10",
+    ),
+    ("run --demonstrations-per-door 9999", "door 9999 must be 1 to 1000"),
+    ("run --doors demonstrations.json", "demonstrations.npz would also be another"),
+    ("demos record --episodes 9999999", "--episodes 1e+07 must be 1 to 100000"),
+    ("demos record --randomization detector", "approach"),
+    (
+        "demos record --start approach --randomization detector --doors absent",
+        "unknown door 'absent'",
+    ),
+    ("learn demos.npz --out demos.npz", "holds the demonstrations; give another file"),
     ("benchmark --engine serial --workers 2", "--workers 2 is for --engine loky"),
     ("demos record --policy oracle --out taken-v0", "taken-v0 exists and is no data"),
     ("demos import a.csv --out s --frame 1,2,3", "or a pose x,y,z,qw"),
@@ -158,6 +201,7 @@ REFUSED = [
 ]
 FILES = {
     "far.json": '{"radius": 9.0}',
+    "demonstrations.json": '{"radius": 0.4}',
     "a.csv": "x,y\n1,two\n",
     "taken": "hello",
     "taken-v0": "",

@@ -1,6 +1,7 @@
 """Checks of command-line arguments before slow computations."""
 
 import errno
+import math
 import os
 from pathlib import Path
 
@@ -10,10 +11,13 @@ from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_env.validation.named import nearest_name
 
 
-def check_least(option: str, value: float | None, least: float) -> None:
-    """Raise ValueError for a number below the limit; None is an option not given."""
-    if value is not None and not value >= least:
-        raise ValueError(f"{option} {value:g} must be {least:g} or more")
+def check_least(
+    option: str, value: float | None, least: float, most: float = math.inf
+) -> None:
+    """Raise ValueError for a number beyond a limit; None is an option not given."""
+    if value is not None and not least <= value <= most:
+        allowed = f"{least:g} to {most:g}" if most < math.inf else f"{least:g} or more"
+        raise ValueError(f"{option} {value:g} must be {allowed}")
 
 
 def check_circumstances(

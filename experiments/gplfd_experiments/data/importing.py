@@ -75,8 +75,13 @@ def import_recordings(
     return motions, text
 
 
-def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
-    """Return the settings as text, a row per motion, and every note."""
+def report(
+    motions: Sequence[Motion], settings: ImportSettings, columns: int | None = None
+) -> str:
+    """Return the settings as text, a row per motion, and every note.
+
+    The rows have the given number of columns, or all.
+    """
     frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
     done = [
         f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
@@ -95,12 +100,12 @@ def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
         row = {
             "": str(number),
             "from": motion.name,
-            "recorded [s]": f"{before.times[-1] - before.times[0]:.2f}",
-            "rate [Hz]": f"{1.0 / before.step:.4g}",
             "kept [s]": f"{times[-1] - times[0]:.2f}",
-            "samples": str(len(times)),
             "path [m]": f"{path:.3f}",
             "turned [deg]": f"{turned(motion.demonstration):.1f}",
+            "recorded [s]": f"{before.times[-1] - before.times[0]:.2f}",
+            "rate [Hz]": f"{1.0 / before.step:.4g}",
+            "samples": str(len(times)),
         }
         if forces:
             row["peak force [N]"] = ""
@@ -110,7 +115,7 @@ def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
         rows.append(row)
         for note in motion.notes:
             notes.append(f"{'!' if note.warning else ' '} {number}: {note.text}")
-    table = text_table(Table.of(rows))
+    table = text_table(Table.of(rows), columns)
     return "\n".join(["; ".join(done), "", table, "", *notes]).rstrip()
 
 
@@ -134,7 +139,7 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
     grid = figure.subplots(len(titles), 2)
     for (row, column), axes in np.ndenumerate(grid):
         names = ("w", "x", "y", "z") if (row, column) == (1, 0) else ("x", "y", "z")
-        for motion in motions:
+        for number, motion in enumerate(motions):
             drawn = motion.demonstration if column else motion.recorded
             values = (drawn.poses[:, :3], drawn.poses[:, 3:], drawn.wrenches)[row]
             if values is None:
@@ -142,6 +147,9 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
             clock = drawn.times - drawn.times[0]
             for place, component in enumerate(values.T[: len(names)]):
                 axes.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
+                # The number that the report gives it.
+                end = clock[-1], component[-1]
+                axes.annotate(str(number), end, fontsize=6, color=f"C{place}")
         axes.set_title(titles[row][column], loc="left", fontsize=10)
         axes.legend(axes.lines[: len(names)], names)
         axes.grid(alpha=0.3)

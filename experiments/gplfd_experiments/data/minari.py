@@ -213,8 +213,11 @@ class Dataset:
                 f"{self.path}: {self.environment} cannot be made again: {error!s:.300}"
             ) from error
 
-    def contents(self) -> str:
-        """Return the origin of the data set, and a line per episode."""
+    def contents(self, columns: int | None = None) -> str:
+        """Return the origin of the data set, and a line per episode.
+
+        The lines have the given number of columns, or all.
+        """
         rows = []
         for number in range(self.n_episodes):
             episode = self.episode(number)
@@ -222,11 +225,11 @@ class Dataset:
             row = {
                 "episode": str(number),
                 "radius [m]": f"{infos['door_radius'][-1]:.3f}",
-                "seed": str(episode.seed),
-                "steps": str(len(episode.rewards)),
                 "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
                 "angle [deg]": f"{math.degrees(infos['door_angle'][-1]):.1f}",
                 "outcome": outcome(episode),
+                "seed": str(episode.seed),
+                "steps": str(len(episode.rewards)),
                 "return": f"{episode.rewards.sum():.3f}",
             }
             rows.append(row)
@@ -241,7 +244,7 @@ class Dataset:
                 f"recorded {made} by `{command}`",
                 ", ".join(f"{name} {version}" for name, version in versions.items()),
                 "",
-                text_table(Table.of(rows)),
+                text_table(Table.of(rows), columns),
             ]
         )
 

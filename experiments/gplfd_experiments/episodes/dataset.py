@@ -43,13 +43,14 @@ def record_dataset(
     options: Mapping[str, Any],
 ) -> int:
     """Open every door several times and write the data set."""
-    check_least("--episodes", episodes, 1)
+    check_least("--episodes", episodes, 1, 100_000)
     check_least("--seed", seed, 0)
-    check_least("--demonstrations-per-door", demonstrations_per_door, 1)
+    check_least("--demonstrations-per-door", demonstrations_per_door, 1, 1000)
     check_least("--max-steps", max_steps, 1)
     chosen = policy_named(policy)
-    check_circumstances(randomization)
+    check_circumstances(randomization, start=start)
     check_folder(folder.parent)
+    folder = folder.absolute()  # A policy may change the working folder.
     tasks = [
         episode_task(
             door,

@@ -1,6 +1,7 @@
-"""Folders that are complete or absent."""
+"""Folders that are complete or absent, and folders of one process at a time."""
 
 import contextlib
+import sqlite3
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +27,7 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
     """
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)
+    replaced = target.exists()
     with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
         root = Path(temporary)
         written = root / target.name
@@ -38,7 +40,9 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
             if error.errno is not None and (file is None or str(root) in str(file)):
                 error.filename = str(path)
             raise
-        if target.exists():
+        if target.exists() and not replaced:
+            raise ValueError(f"{path} was made meanwhile; give another folder")
+        if replaced:
             target.rename(root / "replaced")
         try:
             written.rename(target)
@@ -46,3 +50,35 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
             if (root / "replaced").exists():
                 (root / "replaced").rename(target)
             raise
+
+
+@contextlib.contextmanager
+def folder_in_use(folder: Path) -> Iterator[Path]:
+    """Create a folder, refuse it to other processes, and yield its absolute path.
+
+    The system releases it when the process ends, however it ends. A folder made here
+    that stays empty is removed. Raises ValueError if another process uses it.
+    """
+    path = folder.absolute()
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"--out {folder} is a file; give a folder")
+    made = [part for part in (path, *path.parents) if not part.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    # SQLite locks files on every system.
+    lock = sqlite3.connect(path / ".in-use", timeout=0.0)
+    try:
+        lock.execute("BEGIN EXCLUSIVE")
+    except sqlite3.OperationalError as error:
+        lock.close()
+        raise ValueError(
+            f"{folder} is in use by another command, or cannot be written to; wait "
+            "for the other's end, or give another --out"
+        ) from error
+    try:
+        yield path
+    finally:
+        lock.close()
+        with contextlib.suppress(OSError):  # One is not empty.
+            (path / ".in-use").unlink()
+            for part in made:
+                part.rmdir()

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,10 +28,17 @@ class Table:
         return cls(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
 
 
-def text_table(table: Table) -> str:
-    """Write aligned columns; a cell with a line break takes two lines."""
+FIRST: Final = 5
+"""Number of columns that commands print unless all are asked for."""
+
+
+def text_table(table: Table, columns: int | None = None) -> str:
+    """Write the first columns, or all, aligned and without marks.
+
+    A cell with a line break takes two lines.
+    """
     lines = [
-        line
+        [part.replace("**", "").replace("`", "") for part in line[:columns]]
         for row in (table.columns, *table.rows)
         for line in itertools.zip_longest(*map(str.splitlines, row), fillvalue="")
     ]

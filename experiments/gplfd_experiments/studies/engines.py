@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import logging
 import os
 import re
 import signal
@@ -150,6 +151,9 @@ class Engine:
             return
         import distributed
 
+        # Its tracebacks of a lost scheduler say less than the error below.
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         client_type: Any = distributed.Client  # Its annotations are incomplete.
         try:
             with (
@@ -159,8 +163,9 @@ class Engine:
                 yield joblib.Parallel(**options, pre_dispatch="n_jobs")
         except (OSError, CancelledError) as error:
             raise ConnectionError(
-                f"no Dask scheduler answers at {self.address} ({error}); `dask "
-                "scheduler` prints its address"
+                f"no Dask scheduler answers at {self.address} ({error}): start one by "
+                "`dask scheduler`, which prints its address, and run the same command "
+                "again; finished tasks are kept"
             ) from error
 
 

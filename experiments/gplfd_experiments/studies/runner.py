@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import LOG, counter
 from gplfd_experiments.episodes.task import Task
 from gplfd_experiments.files.plain_data import write_json
@@ -36,7 +35,6 @@ def run_or_resume(
 
     Returns the number of tasks with an error or, at the end, without a result.
     """
-    check_folder(folder)
     sources = {task.policy: task.policy_source for task in study if task.policy_source}
     config = dict(options) | ({"policy_sources": sources} if sources else {})
     stored, total = stored_results(folder, study), len(study)

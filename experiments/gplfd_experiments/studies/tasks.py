@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,6 +55,9 @@ class RecordedTask(Task):
 
 Job = tuple[Task, ...]
 """Episodes of one policy that are opened in lockstep, or a single learning test."""
+
+_MOST: Final = 100_000
+"""Largest number of tasks of a study."""
 
 TOGETHER: Final = 12
 """Largest number of episodes in a job of several trainings."""
@@ -126,14 +130,24 @@ def checked(settings: StudySettings) -> StudySettings:
         if isinstance(values, tuple):
             _check_list(name.replace("_", "-"), values)
     for option, values, low, high in (
-        ("seeds", (settings.seeds,), 1, 100_000),
+        ("seeds", (settings.seeds,), 1, math.inf),
         # Exact Gaussian processes of more demonstrations take hours.
         ("demonstrations-per-door", settings.demonstrations_per_door, 1, 1000),
         ("teacher-noise", settings.teacher_noise, 0, 20),
     ):
         for value in values:
             if not low <= value <= high:
-                raise ValueError(f"--{option} {value} must be {low} to {high}")
+                allowed = f"{low} to {high}" if high < math.inf else f"{low} or more"
+                raise ValueError(f"--{option} {value} must be {allowed}")
+    teachings = len(settings.demonstrations_per_door) * len(settings.teacher_noise)
+    number = len(settings.doors) * len(list(conditions(settings)))
+    number += settings.skill * len(HELD_OUT) * teachings
+    number *= settings.seeds * len(settings.policies)
+    if number > _MOST:
+        raise ValueError(
+            f"{number:,} tasks are more than the {_MOST:,} of a study: give fewer "
+            "--seeds, --policies or --doors"
+        )
     return settings
 
 

@@ -3,7 +3,9 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from logging import DEBUG
 from pathlib import Path
@@ -35,7 +37,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
-from gplfd_experiments.files.plain_data import entry, read_json, write_json
+from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.scene import BodyMeshes
@@ -63,6 +65,7 @@ from gplfd_policies.registry.method import Policy
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
+_OF_DOOR: Final = (".npz", ".rrd")  # Suffixes of the files of a door.
 
 
 class _Learned(NamedTuple):
@@ -82,20 +85,25 @@ def open_doors(
     Doors of several kinds are opened by several agents. Each learns from demonstrations
     of its kind. If the policy raises an error in acting, the door counts as not opened
     and the other doors are still opened. Nothing is written before the first episode
-    has ended; then files of an earlier run in the folder are removed. ``options`` are
-    stored with the results.
+    has ended. ``options`` are stored with the results.
     """
+    # A policy may change the working folder.
+    paths = {name: getattr(settings, name) for name in ("demonstrations", "skill")}
+    absolute = {name: path and path.absolute() for name, path in paths.items()}
+    folder, settings = folder.absolute(), replace(settings, **absolute)
     policy = policy_named(settings.policy)
     tasks = _tasks(settings, policy)
     videos: dict[str, Path] = {}
     if settings.video is not None:
-        videos = video_paths(settings.video, [task.door for task in tasks])
+        video_file = settings.video.absolute()
+        videos = video_paths(video_file, [task.door for task in tasks])
         check_video()
     body = robot_named(settings.robot)
     if body.search is not None:
         LOG.info(chosen(body))
     check_folder(folder)
-    earlier = _files_of_earlier_run(folder)
+    files = _demonstrations_files(tasks)
+    _check_files(folder, tasks, files.values(), videos.values())
     looks: BodyMeshes | None = None
     if settings.looks == "tiago":
         if settings.robot != "tiago-like":
@@ -106,7 +114,7 @@ def open_doors(
 
     started = time.perf_counter()
     with reported_errors(settings.policy, policy):
-        learned = _learn(settings, tasks, policy)
+        learned = _learn(settings, tasks, policy, files)
         agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
@@ -115,8 +123,6 @@ def open_doors(
         started = time.perf_counter()
         episode = _episode(task, agents[task.door], policy)
         if not metrics:
-            for file in earlier:
-                file.unlink(missing_ok=True)
             _write_origin(settings, folder, tasks, learned, options)
         if isinstance(episode, dict):
             metrics.append(episode)
@@ -161,7 +167,7 @@ def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
     per_door = (
         settings.demonstrations_per_door if settings.demonstrations is None else 2
     )
-    check_least("--demonstrations-per-door", per_door, 1)
+    check_least("--demonstrations-per-door", per_door, 1, 1000)
     doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
     return [
         episode_task(
@@ -211,7 +217,10 @@ def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
 
 
 def _learn(
-    settings: RunSettings, tasks: Sequence[EpisodeTask], policy: Policy
+    settings: RunSettings,
+    tasks: Sequence[EpisodeTask],
+    policy: Policy,
+    files: Mapping[str, str],
 ) -> dict[str, _Learned]:
     """Learn once per kind of doors.
 
@@ -223,7 +232,6 @@ def _learn(
     learned: dict[str, _Learned] = {}
     for key, alike in kinds.items():
         first = alike[0]
-        file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
         if settings.skill is not None:
             method, skill = method_and_skill(first.policy, settings.skill)
             aligned = skill.aligned.demonstrated
@@ -244,7 +252,7 @@ def _learn(
                 number = len(labelled.demonstrations)
                 LOG.info(f"learning from {number} demonstrations for {doors}")
             make = learned_agents(first, policy, labelled)
-        learned[key] = _Learned(labelled, make, file)
+        learned[key] = _Learned(labelled, make, files[key])
     return learned
 
 
@@ -262,7 +270,7 @@ def _episode(
 
             def show(seconds: float, door_angle: float) -> None:
                 angle = math.degrees(door_angle)
-                bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
+                bar.set_postfix_str(f"door at {round(angle)} deg", refresh=False)
                 bar.update(seconds - bar.n)
 
             log = rollout(
@@ -297,8 +305,6 @@ def _write_origin(
     """Write the demonstrations, and the settings and versions of the run."""
     LOG.info("writing to %s", folder)
     kept = {kind.file: kind.labelled for kind in learned.values()}
-    if FILE not in kept:  # It is from an earlier run with one kind of doors.
-        (folder / FILE).unlink(missing_ok=True)
     for name, labelled in kept.items():
         save_demonstrations(
             folder / name,
@@ -325,26 +331,36 @@ def _write_origin(
     write_json(folder / CONFIGURATION, provenance(record))
 
 
-def _files_of_earlier_run(folder: Path) -> list[Path]:
-    """Return the files of an earlier run in the folder."""
-    configuration = folder / CONFIGURATION
-    if not configuration.exists():
-        return []
-    try:
-        config = entry(read_json(configuration), "config", dict[str, Any])
-        doors = entry(config, "door_configs", dict[str, Any])
-    except ValueError as error:
+def _check_files(
+    folder: Path,
+    tasks: Sequence[EpisodeTask],
+    demonstrations: Iterable[str],
+    videos: Iterable[Path],
+) -> None:
+    """Raise ValueError if two files of a run have one name, or if one exists."""
+    of_doors = {f"{task.door}{end}": task.door for task in tasks for end in _OF_DOOR}
+    names = [CONFIGURATION, METRICS, *dict.fromkeys(demonstrations), *of_doors]
+    # Some file systems do not distinguish capitals.
+    count = Counter(name.casefold() for name in names)
+    for name, door in of_doors.items():
+        if count[name.casefold()] > 1:
+            raise ValueError(
+                f"door {door}: {name} would also be another file of this run; rename "
+                "the door's file"
+            )
+    paths = (*map(folder.joinpath, names), *videos)
+    if existing := [path.name for path in paths if path.exists()]:
         raise ValueError(
-            f"{configuration} does not list the files of its run ({error}); "
-            "choose another --out"
-        ) from error
-    names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
-    names += [_kept_demonstrations(door) for door in doors]
-    # A run does not write names outside the folder.
-    inside = [name for name in names if Path(name).name == name]
-    return [folder / name for name in (METRICS, *inside)]
+            f"{folder} holds earlier results ({', '.join(existing)}); remove them, or "
+            "give another --out"
+        )
 
 
-def _kept_demonstrations(door: str) -> str:
-    """Return the file of the demonstrations of one of several kinds of doors."""
-    return f"{Path(FILE).stem}-{door}.npz"
+def _demonstrations_files(tasks: Sequence[EpisodeTask]) -> dict[str, str]:
+    """Return the file of demonstrations by `EpisodeTask.demonstrations_key`."""
+    doors: dict[str, str] = {}
+    for task in tasks:
+        doors.setdefault(task.demonstrations_key, task.door)
+    if len(doors) == 1:
+        return dict.fromkeys(doors, FILE)
+    return {key: f"{Path(FILE).stem}-{door}.npz" for key, door in doors.items()}

@@ -22,8 +22,8 @@ class EpisodeSettings:
     """Seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """Quantities that are drawn at random for each episode: none, mild, hard or
-    standard; see `gplfd list`."""
+    """Quantities that are drawn at random for each episode: none, mild, hard,
+    standard, or detector (with start approach); see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
     """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm

@@ -12,6 +12,7 @@ from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import entry, read_json
+from gplfd_experiments.files.table import text_table
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.folds import learn
@@ -61,8 +62,11 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     check_folder(file.parent)
     if file.is_dir():
         raise ValueError(f"--out {file} is a folder; give a file")
+    if file.resolve() == demonstrations_file(demonstrations).resolve():
+        raise ValueError(f"--out {file} holds the demonstrations; give another file")
     motions = load_demonstrations(demonstrations).demonstrations
     LOG.info("learning from %d demonstrations", len(motions))
+    target = file.absolute()  # A policy may change the working folder.
     started = time.perf_counter()
     modes = method.learn_modes(TrainingInput(demonstrations=motions, seed=seed))
     if len(modes) > 1:
@@ -74,7 +78,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     movement = modes[0].movement
     if not isinstance(movement, Skill):
         raise TypeError(f"fit_skill made a {type(movement).__name__}")
-    movement.save(file)
+    movement.save(target)
     LOG.info("learned (%.1f s)", time.perf_counter() - started)
     return movement
 
@@ -87,8 +91,12 @@ def judge(
     reference: str,
     engine: Engine,
     options: Mapping[str, Any],
+    columns: int | None = None,
 ) -> int:
-    """Leave each recording out in turn, let every method predict it, write a report."""
+    """Leave each recording out in turn, let every method predict it, write a report.
+
+    It prints the first columns of a table, or all, and returns the number of errors.
+    """
     motions = load_demonstrations(recordings).demonstrations
     if len(motions) < FEWEST:
         raise ValueError(
@@ -112,7 +120,7 @@ def judge(
     errors = run_or_resume(tasks, options, folder, engine, motions)
     study = read_results(folder)
     write_report(study, folder, reference=reference)
-    print(overview(study.recorded))
+    print(text_table(overview(study.recorded), columns))
 
     # The movement of the reference from all recordings, as a recording.
     file = folder / RECORDING

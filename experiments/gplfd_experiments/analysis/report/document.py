@@ -97,8 +97,15 @@ def literal(text: object) -> str:
 
 
 def kind_of(policy: str) -> str:
-    """Return the kind of a policy: method, ablation, reference or own."""
+    """Return the kind of a policy: method, ablation, reference, told or own."""
+    if told(policy):
+        return "told the door"
     return POLICIES[policy].kind if policy in POLICIES else "own"
+
+
+def told(policy: str) -> bool:
+    """Return whether a policy knows the door: it is listed, but never the reference."""
+    return policy in POLICIES and POLICIES[policy].told
 
 
 def median_column(*measures: Measure) -> Column:

@@ -95,7 +95,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         "of the handle, which does no work; a large value means that the motion does "
         "not fit the door. Typical value of a seed over the opened doors, with its "
         f"95 % interval from {FEWEST_PAIRS} seeds on. Policies are in order of the "
-        "doors opened to 60°, then of the radial force. `oracle` knows the door."
+        "doors opened to 60°, then of the radial force."
     )
     return policy_table(groups, columns, note=note)
 

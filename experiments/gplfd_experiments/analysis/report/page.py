@@ -17,9 +17,9 @@ from gplfd_experiments.analysis.report.document import (
     html_page,
     literal,
     markdown_page,
+    told,
 )
 from gplfd_experiments.analysis.results.measures import (
-    PRIVILEGED,
     by_condition,
     by_policy,
     counted,
@@ -71,6 +71,11 @@ def write_report(
 
 def report(results: StudyResults, reference: str) -> Document:
     """Return the report of a study."""
+    if told(reference):
+        raise ValueError(
+            f"--reference {reference} knows the door, as no robot does, so others "
+            "cannot be judged by it; give another policy of the study"
+        )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
     conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
     counting = {title: counted(runs) for title, runs in conditions.items()}
@@ -80,9 +85,10 @@ def report(results: StudyResults, reference: str) -> Document:
     policies = sorted({result.policy for result in results.all})
     if reference not in policies:
         ranking = [*next(iter(conditions.values()), {}), *policies]
-        best = next((p for p in ranking if p not in PRIVILEGED), ranking[0])
-        text = f"{code(reference)} is not in this study; {code(best)} takes its place."
-        lead.append(Text(text))
+        best = next((policy for policy in ranking if not told(policy)), reference)
+        text = f"{code(reference)} is not in this study"
+        place = f"; {code(best)} takes its place." if best != reference else "."
+        lead.append(Text(text + place))
         reference = best
 
     # The number of results, and the command that made them.

@@ -6,7 +6,6 @@ limits are in `gplfd_experiments.studies.learning_tests.criteria`.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -30,7 +29,7 @@ from gplfd_experiments.analysis.results.measures import (
     by_policy,
 )
 from gplfd_experiments.analysis.results.reading import TaskResult
-from gplfd_experiments.files.table import Table, text_table
+from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA, mark
 from gplfd_policies.registry.built_in import TABLE_1
 
@@ -81,24 +80,14 @@ def recorded_section(results: Results, reference: str) -> Section:
     )
     blocks: list[Block] = [
         Text(introduction),
-        _summary(results),
+        overview(results),
         *_plots([result for result in results if not result.error], reference),
         _all_measures({"": results}),
     ]
     return Section("What was learned from the recordings", "recorded", blocks)
 
 
-def overview(results: Results) -> str:
-    """Return the headlines of all methods as a table of plain text, best first."""
-    table = _summary(results)
-    # Plain text has neither marks nor line breaks within a cell.
-    rows = tuple(
-        (row[0].replace("`", "").replace("\n", ", "), *row[1:]) for row in table.rows
-    )
-    return text_table(replace(table, rows=rows))
-
-
-def _summary(results: Results) -> Table:
+def overview(results: Results) -> Table:
     """Return the headlines of all methods, ordered by likelihood."""
 
     def likelihood(item: tuple[str, Results]) -> float:
@@ -107,7 +96,8 @@ def _summary(results: Results) -> Table:
 
     order = sorted(by_policy(results).items(), key=likelihood)
     note = f"**n:** recordings left out, one at a time. {_NOTE}"
-    return policy_table({"": dict(order)}, _columns(_SUMMARY), note=note)
+    number, *medians = _columns(_SUMMARY)
+    return policy_table({"": dict(order)}, [*medians, number], note=note)
 
 
 def _columns(metrics: Iterable[str]) -> list[Column]:

@@ -158,9 +158,6 @@ GroupT = TypeVar("GroupT")
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
 
-PRIVILEGED: Final = frozenset({"oracle"})
-"""Policies with information that no robot has: listed, but never called the best."""
-
 _BAND: Final = 0.1
 """Width of a band of random radii [m]."""
 

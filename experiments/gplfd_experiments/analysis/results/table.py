@@ -10,6 +10,7 @@ from typing import Any, Final
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     WALL_TIME,
+    Measure,
     by_policy,
     closed_because,
     grouped,
@@ -30,8 +31,8 @@ from gplfd_experiments.studies.tasks import conditions, episodes
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _OF_SOLVED: Final = (
-    replace(EPISODE_MEASURES["time_to_60_deg"], digits=1),
     replace(EPISODE_MEASURES["force_radial_peak"], short="radial force"),
+    replace(EPISODE_MEASURES["time_to_60_deg"], digits=1),
     replace(EPISODE_MEASURES["force_tangential_peak"], short="tangential"),
     EPISODE_MEASURES["slip_max_mm"],
 )
@@ -42,13 +43,15 @@ _OF_ALL: Final = (
     EPISODE_MEASURES[WALL_TIME],
 )
 _OF_RUN: Final = (
-    EPISODE_MEASURES["radius"],
     EPISODE_MEASURES["final_angle_deg"],
-    replace(EPISODE_MEASURES["time_to_30_deg"], digits=1),
     *_OF_SOLVED,
+    EPISODE_MEASURES["radius"],
+    replace(EPISODE_MEASURES["time_to_30_deg"], digits=1),
     EPISODE_MEASURES["prediction_error_position"],
     EPISODE_MEASURES["latency_wall_p95_ms"],
 )
+_WHY: Final = 4
+"""Place of the column with the reason why a door stayed closed: among the first."""
 
 
 def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
@@ -88,13 +91,19 @@ def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     errors, closed = (
         any(row[name] for row in rows) for name in ("errors", "not_opened_because")
     )
+    first, *solved = _OF_SOLVED
     columns = (
-        *("policy", "door", "opened", "95 %"),
-        *(["errors"] if errors else []),
-        *(measure.column for measure in (*_OF_SOLVED, *_OF_ALL)),
+        *("policy", "door", "opened", first.column),
         *(["not opened because"] if closed else []),
+        *(measure.column for measure in solved),
+        *("95 %", *(["errors"] if errors else [])),
+        *(measure.column for measure in _OF_ALL),
     )
     cells: list[tuple[str, ...]] = []
+
+    def texts(row: Mapping[str, Any], measures: Iterable[Measure]) -> list[str]:
+        return [measure.text(row[measure.metric]) for measure in measures]
+
     kinds = dict.fromkeys(row["door_kind"] for row in rows)
     for kind in kinds:
         if len(kinds) > 1:
@@ -102,10 +111,11 @@ def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         cells += [
             (
                 *(row["policy"], row["door"], f"{row['opened']}/{row['episodes']}"),
-                row["interval"],
-                *([str(row["errors"])] if errors else []),
-                *(one.text(row[one.metric]) for one in (*_OF_SOLVED, *_OF_ALL)),
+                *texts(row, [first]),
                 *([row["not_opened_because"]] if closed else []),
+                *texts(row, solved),
+                *(row["interval"], *([str(row["errors"])] if errors else [])),
+                *texts(row, _OF_ALL),
             )
             for row in rows
             if row["door_kind"] == kind
@@ -149,22 +159,25 @@ def run_table(metrics: Sequence[Mapping[str, Any]]) -> Table:
                 measure.text(None if value is None else measure.convert(value))
             )
         if any_closed:
-            cells.append(why_closed(episode["failure"], episode.get("reason", "")))
+            why = why_closed(episode["failure"], episode.get("reason", ""))
+            cells.insert(_WHY, why)
         rows.append(tuple(cells))
-    heads = (measure.column.replace(" [", "\n[") for measure in _OF_RUN)
-    why = ("not opened because",) if any_closed else ()
-    return Table(columns=("door", "opened", *heads, *why), rows=tuple(rows))
+    columns = ["door", "opened", *(measure.column for measure in _OF_RUN)]
+    if any_closed:
+        columns.insert(_WHY, "not opened because")
+    heads = (column.replace(" [", "\n[") for column in columns)
+    return Table(columns=tuple(heads), rows=tuple(rows))
 
 
 def write_tables(
     folder: Path, settings: StudySettings
-) -> tuple[str, list[dict[str, Any]]]:
+) -> tuple[list[str | Table], list[dict[str, Any]]]:
     """Write DIR/table.md, a table per condition of a study.
 
-    Returns its text, and the `study_rows` of all conditions, each with its
+    Returns its texts and tables, and the `study_rows` of all conditions, each with its
     ``condition``.
     """
-    parts: list[str] = []
+    parts: list[str | Table] = []
     rows: list[dict[str, Any]] = []
     several = list(conditions(settings))
     for condition in several:
@@ -174,12 +187,14 @@ def write_tables(
         if len(several) > 1:
             parts.append(f"{condition}:")
         here = study_rows(results)
-        parts += [*remarks(results), *unreadable, markdown_table(study_table(here))]
+        parts += [*remarks(results), *unreadable, study_table(here)]
         rows += [{"condition": str(condition), **row} for row in here]
-    text = "\n\n".join(parts)
+    text = "\n\n".join(
+        part if isinstance(part, str) else markdown_table(part) for part in parts
+    )
     with complete_or_absent(folder / "table.md") as path:
         path.write_text(text + "\n", encoding="utf-8")
-    return text, rows
+    return parts, rows
 
 
 def write_rows(path: Path, results: StudyResults) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal, Union
 import tyro
 
 from gplfd_experiments.cli.commands.options import (
+    All,
     Quiet,
     learn_command,
     next_command,
@@ -40,6 +41,8 @@ class Import(ImportSettings):
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
     """Replace an existing set."""
 
+    all: All = False
+
     quiet: Quiet = False
 
     def __post_init__(self) -> None:
@@ -47,7 +50,12 @@ class Import(ImportSettings):
 
     def execute(self) -> int:
         """Make the set, print the report and the next commands."""
-        from gplfd_experiments.data.importing import PICTURE, import_recordings
+        from gplfd_experiments.data.importing import (
+            PICTURE,
+            import_recordings,
+            report,
+        )
+        from gplfd_experiments.files.table import FIRST
 
         if not self.files:
             raise ValueError("give at least one file to import")
@@ -57,10 +65,10 @@ class Import(ImportSettings):
                 for field in fields(ImportSettings)
             }
         )
-        motions, report = import_recordings(
+        motions, whole = import_recordings(
             self.files, self.out, settings, overwrite=self.overwrite
         )
-        print(report)
+        print(whole if self.all else report(motions, settings, FIRST))
         number = len(motions)
         print(f"\n{number} demonstration{'s' * (number > 1)} in {self.out}")
         if warnings := sum(note.warning for motion in motions for note in motion.notes):
@@ -162,6 +170,8 @@ class Inspect:
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATASET")]
     """Folder that `gplfd demos record` wrote."""
 
+    all: All = False
+
     def execute(self) -> int:
         """Print the contents."""
         if (self.dataset / "import.json").is_file():
@@ -170,8 +180,9 @@ class Inspect:
                 f"{self.dataset / 'report.txt'}"
             )
         from gplfd_experiments.data.minari import open_dataset
+        from gplfd_experiments.files.table import FIRST
 
-        print(open_dataset(self.dataset).contents())
+        print(open_dataset(self.dataset).contents(None if self.all else FIRST))
         return 0
 
 
@@ -227,6 +238,8 @@ class Doors:
 
         found = read_doorbench(self.file)
         path = self.out or Path(f"{file_name(found.name)}.json")
+        if self.out is None and path.exists():
+            raise ValueError(f"{path} exists; name the file to write by --out")
         write_json(path, found.door.as_dict())
         print(f"{found.name} is in {path}")
         for line in found.lost:

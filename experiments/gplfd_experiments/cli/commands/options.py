@@ -27,6 +27,12 @@ Json = Annotated[
 ]
 """Option of commands that print a table."""
 
+All = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Print all columns of the table, not only five."),
+]
+"""Option of commands that print a table of many columns."""
+
 Where = Annotated[Engine, tyro.conf.arg(name="")]
 """Option of commands that run a study."""
 

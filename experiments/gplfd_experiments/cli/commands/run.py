@@ -10,6 +10,7 @@ import tyro
 
 from gplfd_experiments.cli.commands.options import (
     FAILED,
+    All,
     Json,
     Quiet,
     next_command,
@@ -25,12 +26,14 @@ class Run(RunSettings):
 
     Writes DIR/metrics.json (one object per door), DIR/<door>.rrd (Rerun recording),
     DIR/<door>.npz (the complete log), DIR/demonstrations.npz and
-    DIR/run.json (versions, command, settings); removes files of an earlier run in this
-    folder.
+    DIR/run.json (versions, command, settings).
+    Files of these names that exist are kept, and the run is refused.
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
+
+    all: All = False
 
     json: Json = False
 
@@ -41,9 +44,10 @@ class Run(RunSettings):
         from gplfd_experiments.analysis.results.table import run_table
         from gplfd_experiments.console.progress import LOG
         from gplfd_experiments.episodes.metrics import late_decisions
+        from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.names import file_name
         from gplfd_experiments.files.plain_data import json_text
-        from gplfd_experiments.files.table import text_table
+        from gplfd_experiments.files.table import FIRST, text_table
         from gplfd_experiments.workflows.runs import open_doors
 
         if self.skill is not None and self.demonstrations is not None:
@@ -52,15 +56,15 @@ class Run(RunSettings):
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
         # Output of a policy is kept out of the table or JSON on standard output.
-        with contextlib.redirect_stdout(sys.stderr):
-            rows = open_doors(self, folder, recorded(self))
+        with contextlib.redirect_stdout(sys.stderr), folder_in_use(folder) as used:
+            rows = open_doors(self, used, recorded(self))
         if late := late_decisions(rows):
             LOG.warning("warning: %s: %s", self.policy, late)
         status = FAILED if any("error" in row for row in rows) else 0
         if self.json:
             print(json_text(rows))
             return status
-        print(text_table(run_table(rows)))
+        print(text_table(run_table(rows), None if self.all else FIRST))
         doors = [row["door"] for row in rows if "error" not in row]
         if doors:
             door = "medium" if "medium" in doors else doors[0]

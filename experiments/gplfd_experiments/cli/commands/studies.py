@@ -11,6 +11,7 @@ import tyro
 from gplfd_experiments.cli.commands.options import (
     FAILED,
     ON_THIS_MACHINE,
+    All,
     Json,
     Quiet,
     Where,
@@ -46,6 +47,8 @@ class Benchmark:
 
     where: Where = ON_THIS_MACHINE
 
+    all: All = False
+
     json: Json = False
 
     quiet: Quiet = False
@@ -53,8 +56,9 @@ class Benchmark:
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
         from gplfd_experiments.analysis.results.table import write_tables
-        from gplfd_experiments.console.arguments import check_folder
+        from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.plain_data import json_text, naming
+        from gplfd_experiments.files.table import FIRST, text_table
         from gplfd_experiments.studies.runner import run_or_resume
         from gplfd_experiments.studies.settings import write_settings
         from gplfd_experiments.studies.tasks import checked, tasks
@@ -66,15 +70,20 @@ class Benchmark:
         self.where.check()
         options = dataclasses.asdict(settings) | recorded(self)
         del options["study"]
-        check_folder(self.out)
-        write_settings(self.out / "study.toml", settings)
-        errors = run_or_resume(tasks(settings), options, self.out, self.where)
-        tables, rows = write_tables(self.out, settings)
+        study = tasks(settings)
+        with folder_in_use(self.out) as folder:
+            write_settings(folder / "study.toml", settings)
+            errors = run_or_resume(study, options, folder, self.where)
+            parts, rows = write_tables(folder, settings)
         if self.json:
             print(json_text(rows))
         else:
             report = next_command("report", self.out)
-            print(f"{tables}\n\nresults are in {self.out}; compare them:  {report}")
+            columns = None if self.all else FIRST
+            for part in parts:
+                text = part if isinstance(part, str) else text_table(part, columns)
+                print(f"{text}\n")
+            print(f"results are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
 
 
@@ -122,6 +131,7 @@ class Trials:
         """
         from gplfd_experiments.analysis.results.reading import read_results
         from gplfd_experiments.analysis.results.trials import trial_answers
+        from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.plain_data import json_text
         from gplfd_experiments.studies.runner import run_or_resume
         from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
@@ -133,9 +143,10 @@ class Trials:
             robot=self.robot,
         )
         self.where.check()
-        errors = run_or_resume(tasks, recorded(self), self.out, self.where)
+        with folder_in_use(self.out) as folder:
+            errors = run_or_resume(tasks, recorded(self), folder, self.where)
         if self.json:
-            print(json_text(trial_answers(read_results(self.out))))
+            print(json_text(trial_answers(read_results(folder))))
         else:
             report = next_command("report", self.out)
             print(f"results are in {self.out}; read them:  {report}")
@@ -170,20 +181,26 @@ class SkillTests:
 
     where: Where = ON_THIS_MACHINE
 
+    all: All = False
+
     quiet: Quiet = False
 
     def execute(self) -> int:
         """Run the tests, print a table; return `FAILED` if a method cannot learn."""
+        from gplfd_experiments.files.folders import folder_in_use
+        from gplfd_experiments.files.table import FIRST
         from gplfd_experiments.workflows.skills import RECORDING, judge
 
-        errors = judge(
-            self.recordings,
-            self.out,
-            policies=self.policies,
-            reference=self.reference,
-            engine=self.where,
-            options=recorded(self) | {"recordings": self.recordings.name},
-        )
+        with folder_in_use(self.out) as folder:
+            errors = judge(
+                self.recordings,
+                folder,
+                policies=self.policies,
+                reference=self.reference,
+                engine=self.where,
+                options=recorded(self) | {"recordings": self.recordings.name},
+                columns=None if self.all else FIRST,
+            )
         print(f"{self.out / 'report.html'} and report.md")
         recording = self.out / RECORDING
         if recording.is_file():

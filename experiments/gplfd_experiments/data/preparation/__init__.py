@@ -98,10 +98,9 @@ def prepare(
         warnings.simplefilter("ignore", UserWarning)
         shown = [motion.demonstration for motion in motions]
         aligned = align(shown, n_samples=_COMPARED, trim_rests=False)
-    unlike = Note("unlike the others: look at it", warning=True)
-    for place in timing.outliers(list(aligned.poses)):
-        odd = motions[place]
-        motions[place] = replace(odd, notes=(*odd.notes, unlike))
+    for place, text in timing.outliers(list(aligned.poses)).items():
+        odd, note = motions[place], Note(f"unlike the others: {text}", warning=True)
+        motions[place] = replace(odd, notes=(*odd.notes, note))
     return tuple(motions)
 
 

@@ -1,6 +1,7 @@
 """Repetitions, gaps, filtering and resampling of a motion."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -238,16 +239,33 @@ def _with_unit_quaternions(samples: Samples) -> Samples:
     return replace(samples, poses=np.hstack([positions, quaternions / norms]))
 
 
-def outliers(ways: Sequence[FloatArray]) -> list[int]:
-    """Return the indices of motions that are far from the others.
+def outliers(ways: Sequence[FloatArray]) -> dict[int, str]:
+    """Describe motions whose position or rotation is far from the others', by index.
 
-    Their distance from the median motion is more than 3.5 robust standard deviations
-    above the usual one and more than twice the median distance. The motions are poses
-    at the same phases [m, rad], (M, 6) each.
+    Their greatest distance from the median motion is more than 3.5 robust standard
+    deviations above the usual one (so is one normal motion of 4,000), more than three
+    times the median distance, and more than 20 mm or 5°, the difference of careful
+    repetitions by hand. The motions are poses at the same phases [m, rad], (M, 6) each.
     """
-    stacked = np.stack(ways)
-    apart = np.linalg.norm(stacked - np.median(stacked, axis=0), axis=2).mean(axis=1)
-    middle = float(np.median(apart))
-    spread = 1.4826 * float(np.median(np.abs(apart - middle)))
-    far = (apart > middle + 3.5 * spread) & (apart > 2.0 * middle)
-    return [int(place) for place in np.flatnonzero(far)]
+    apart = np.stack(ways) - np.median(np.stack(ways), axis=0)
+    unlike: dict[int, str] = {}
+    for part, scale, unit, axes, least in (
+        (apart[:, :, :3], 1e3, "mm", "along", 20.0),
+        (apart[:, :, 3:], math.degrees(1.0), "deg", "about", 5.0),
+    ):
+        distances = scale * np.linalg.norm(part, axis=2)
+        greatest = distances.max(axis=1)
+        usual = float(np.median(greatest))
+        spread = 1.4826 * float(np.median(np.abs(greatest - usual)))
+        far = greatest > max(usual + 3.5 * spread, 3.0 * usual, least)
+        for place in map(int, np.flatnonzero(far)):
+            phase = int(distances[place].argmax())
+            axis = int(np.abs(part[place, phase]).argmax())
+            sign = "-" if part[place, phase, axis] < 0.0 else "+"
+            text = (
+                f"{greatest[place]:.0f} {unit} from the median motion, most {axes} "
+                f"{sign}{'xyz'[axis]}, at {100 * phase / (len(part[0]) - 1):.0f} % of "
+                f"the path (usual: {usual:.0f} {unit})"
+            )
+            unlike[place] = "; ".join(filter(None, (unlike.get(place), text)))
+    return unlike
