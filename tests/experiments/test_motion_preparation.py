@@ -15,6 +15,7 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc, relative_poses
 from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
+from gplfd_experiments.data.preparation.timing import outliers
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.formats import read_here
 

@@ -133,6 +133,40 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
     assert "`gp` is not in this study; `kmp` takes its place." in text
 
 
+def test_a_policy_that_knows_the_door_is_never_the_reference(
+    write_study, page_of, policies
+):
+    for name in ("hinge-fit-told", "oracle"):
+        told = [
+            {**result, "task": {**result["task"], "policy": name}}
+            for result in policies
+            if result["task"]["policy"] == "gp"
+        ]
+        others = [one for one in policies if one["task"]["policy"] != "gp"]
+        text = page_of([*told, *others])
+        assert "`gp` is not in this study; `kmp` takes its place." in text
+        assert f"| `{name}` (told the door) |" in text
+        with pytest.raises(ValueError, match=f"--reference {name} knows the door"):
+            report(read_results(write_study([*told, *others])), name)
+
+
+def test_a_number_is_equal_in_all_tables_of_the_page(page_of, episode_result):
+    results = [episode_result("gp", seed) for seed in range(6)]
+    for result, force in zip(results, (0.1, 0.5, 0.6, 0.7, 2.0, 9.0), strict=True):
+        result["metrics"]["force_radial_peak"] = force
+    text = page_of([*results, *(episode_result("kmp", seed) for seed in range(6))])
+    summary = cells(text, "# Opening doors")["gp"]
+    (force,) = (summary[head] for head in summary if head.startswith("radial force"))
+    assert force.startswith("1.1<br>")
+    heading = next(line for line in text.splitlines() if "| solved |" in line)
+    place = [head.partition("<br>")[0].strip() for head in heading.split("|")].index(
+        "radial peak [N]"
+    )
+    after = text.partition(heading)[2]
+    (row,) = (line for line in after.splitlines()[:9] if line.startswith("| `gp` |"))
+    assert row.split("|")[place].strip().startswith("1.1<br>")
+
+
 def test_drawn_radii_have_their_condition_and_other_doors_their_columns(
     page_of, policies, episode_result
 ):

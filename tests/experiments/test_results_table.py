@@ -17,7 +17,7 @@ from gplfd_experiments.analysis.results.table import (
     study_table,
 )
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.files.table import Table, markdown_table, text_table
+from gplfd_experiments.files.table import FIRST, Table, markdown_table, text_table
 
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
 RAISED = {"error": "ValueError: x", "traceback": "Traceback ..."}
@@ -142,10 +142,12 @@ def test_a_run_has_a_row_per_door(make_log):
     failed = {"success": False, "failure": "grasp_lost", "reason": "handle_lost"}
     logs = make_log(door="small"), make_log(door="large", **failed)
     metrics = [*map(episode_metrics, logs)]
-    lines = text_table(run_table(metrics)).splitlines()
-    assert lines[0].split()[:5] == ["door", "opened", "radius", "angle", "to"]
-    assert lines[1].split()[:3] == ["[m]", "[°]", "[s]"]
-    assert lines[4].split()[:4] == ["small", "yes", "0.50", "66.0"]
-    assert lines[5].split()[:2] == ["large", "no"]
-    assert lines[5].endswith("hand lost the handle")
+    lines = text_table(run_table(metrics), FIRST).splitlines()
+    assert lines[0].split()[:5] == ["door", "opened", "angle", "radial", "force"]
+    assert lines[1].split()[:2] == ["[°]", "[N]"]
+    assert lines[2].split()[:3] == ["small", "yes", "66.0"]
+    assert lines[3].split()[:2] == ["large", "no"]
+    assert lines[3].endswith("hand lost the handle")
+    (_, *columns), (_, *row) = run_table(metrics).columns, run_table(metrics).rows[0]
+    assert (len(columns), row[columns.index("radius\n[m]")]) == (11, "0.50")
     assert "because" not in text_table(run_table(metrics[:1]))

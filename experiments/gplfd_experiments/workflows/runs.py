@@ -95,8 +95,8 @@ def open_doors(
     tasks = _tasks(settings, policy)
     videos: dict[str, Path] = {}
     if settings.video is not None:
-        video_file = settings.video.absolute()
-        videos = video_paths(video_file, [task.door for task in tasks])
+        videos = video_paths(settings.video, [task.door for task in tasks])
+        videos = {door: path.absolute() for door, path in videos.items()}
         check_video()
     body = robot_named(settings.robot)
     if body.search is not None:

@@ -108,11 +108,13 @@ def told(policy: str) -> bool:
     return policy in POLICIES and POLICIES[policy].told
 
 
-def median_column(*measures: Measure) -> Column:
-    """Return a column with the median of a measure; medians of others are below it."""
+def measure_column(
+    number: Callable[[Measure, Sequence[Any]], float | None], *measures: Measure
+) -> Column:
+    """Return a column with a statistic of a measure; those of others are below it."""
     return Column(
         "\n".join(measure.column for measure in measures),
-        lambda results: "\n".join(m.text(m.median(results)) for m in measures),
+        lambda results: "\n".join(m.text(number(m, results)) for m in measures),
         "; ".join(filter(None, (measure.name for measure in measures))),
     )
 

@@ -16,13 +16,14 @@ from gplfd_experiments.analysis.report.document import (
     Text,
     code,
     literal,
-    median_column,
+    measure_column,
     policy_table,
 )
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     COLUMNS,
     EPISODE_MEASURES,
+    Measure,
     Runs,
     by_door_kind,
     closed_because,
@@ -134,9 +135,9 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
         drawn.pop()
     columns = _columns(_counting(conditions))
     note = (
-        "Medians: forces, slip and work over the doors opened to 60°, the others over "
-        "all episodes that have them. A policy that opens few doors has few numbers: "
-        "the paired tests compare equal doors."
+        "Typical values of a seed: forces, slip and work over the doors opened to 60°, "
+        "the others over all episodes that have them. A policy that opens few doors "
+        "has few numbers: the paired tests compare equal doors."
     )
     blocks: list[Block] = [
         Text(f"Plots: {title}." if len(conditions) > 1 else f"{title}."),
@@ -195,7 +196,10 @@ def _columns(episodes: Episodes) -> list[Column]:
             Column(f"to {angle}°", partial(_rate, methodcaller("opened", angle)), ever)
             for angle in (60, 30, 15)
         ),
-        *(median_column(*(EPISODE_MEASURES[m] for m in pair)) for pair in metrics),
+        *(
+            measure_column(Measure.seed_value, *(EPISODE_MEASURES[m] for m in pair))
+            for pair in metrics
+        ),
         Column(
             f"above {ADA_FORCE} N",
             above,

@@ -17,7 +17,7 @@ from gplfd_experiments.analysis.report.document import (
     Section,
     Text,
     code,
-    median_column,
+    measure_column,
     policy_table,
 )
 from gplfd_experiments.analysis.results.measures import (
@@ -25,6 +25,7 @@ from gplfd_experiments.analysis.results.measures import (
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
+    Measure,
     by_condition,
     by_policy,
 )
@@ -103,7 +104,7 @@ def overview(results: Results) -> Table:
 def _columns(metrics: Iterable[str]) -> list[Column]:
     """Return a column with the number of results, and one with each median."""
     number = Column("n", lambda own: str(len(own)))
-    return [number, *(median_column(_MEASURES[name]) for name in metrics)]
+    return [number, *(measure_column(Measure.median, _MEASURES[n]) for n in metrics)]
 
 
 def _all_measures(groups: Mapping[str, Results]) -> Table:

@@ -90,6 +90,11 @@ class Measure:
         means = self.seed_means(results)
         return shift(means, [0.0] * len(means)) if means else None
 
+    def seed_value(self, results: Iterable[TaskResult]) -> float | None:
+        """Return the typical value of a seed; None without any."""
+        typical = self.typical(results)
+        return typical and typical.estimate
+
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Format a value, or a dash; optionally with its unit or more decimals."""
         if value is None:
@@ -209,7 +214,7 @@ def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
         policy, results = item
         counting = [result for result in results if result.counts]
         opened = sum(result.opened() for result in counting)
-        force = EPISODE_MEASURES["force_radial_peak"].median(counting)
+        force = EPISODE_MEASURES["force_radial_peak"].seed_value(counting)
         return (
             -opened / len(counting) if counting else 1.0,
             math.inf if force is None else force,

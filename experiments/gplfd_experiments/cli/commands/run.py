@@ -1,6 +1,7 @@
 """Commands for episodes: run and view; and learn, which makes a skill."""
 
 import contextlib
+import itertools
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,8 @@ class Run(RunSettings):
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder to write to; results/POLICY-seedSEED by default."""
+    """Folder to write to; by default results/POLICY-seedSEED, or with a number behind
+    it if that exists."""
 
     all: All = False
 
@@ -52,9 +54,11 @@ class Run(RunSettings):
 
         if self.skill is not None and self.demonstrations is not None:
             raise ValueError("--skill is already learned: omit --demonstrations")
-        folder = (
-            self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
-        )
+        folder = default = Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
+        numbers = itertools.count(2)
+        while self.out is None and folder.exists():
+            folder = default.with_name(f"{default.name}-{next(numbers)}")
+        folder = self.out or folder
         # Output of a policy is kept out of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr), folder_in_use(folder) as used:
             rows = open_doors(self, used, recorded(self))

@@ -91,7 +91,7 @@ class Benchmark:
 class Trials:
     """Test each idea of the method in conditions where it matters; resumable.
 
-    Writes the same files as `gplfd benchmark`. The whole protocol has 14,500 episodes,
+    Writes the same files as `gplfd benchmark`. The whole protocol has 14,140 episodes,
     which take an hour and a half on two cores; `--part ideas` takes a quarter of
     that, `--part small` two minutes.
     """
