@@ -93,7 +93,7 @@ class Measure:
     def seed_value(self, results: Iterable[TaskResult]) -> float | None:
         """Return the typical value of a seed; None without any."""
         typical = self.typical(results)
-        return typical and typical.estimate
+        return None if typical is None else typical.estimate
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Format a value, or a dash; optionally with its unit or more decimals."""
