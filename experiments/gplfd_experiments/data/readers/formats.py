@@ -82,7 +82,7 @@ def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
             raise ValueError("it holds no recording")
     # Libraries raise errors of every kind for damaged files.
     except Exception as error:
-        reason = str(error) or type(error).__name__
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
             f"{path} cannot be read as {reader.summary}: {reason:.600}"
         ) from error

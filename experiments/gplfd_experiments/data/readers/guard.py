@@ -26,9 +26,9 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-_LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (6.0, 5e-6))
-"""Memory of the child [bytes], written bytes, for example of a decompressed bag, and
-processor time [s]: for any file, and in addition per byte of a file."""
+_LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (6.0, 5e-6))
+"""Memory of the child [bytes], written bytes, for example of a decompressed bag,
+samples, and processor time [s]: for any file, and in addition per byte of a file."""
 _WAITING: Final = 3.0
 """Longest time for a file, as a multiple of its processor time."""
 _CHILD: Final = "from gplfd_experiments.data.readers.guard import child; child()"
@@ -96,7 +96,7 @@ def _started(scratch: str) -> Iterator[Any]:
 
 
 def _limits(path: Path) -> list[float]:
-    """Return memory [bytes], written bytes and processor time [s] for a file."""
+    """Return memory [bytes], written bytes, samples and processor time [s] of a file."""
     files = path.rglob("*") if path.is_dir() else [path]
     size = sum(file.stat().st_size for file in files if file.is_file())
     return [least + per_byte * size for least, per_byte in _LIMITS]
@@ -109,7 +109,7 @@ def child() -> None:
         os.dup2(2, 1)
         paths, settings = pickle.load(sys.stdin.buffer)
         for path in paths:
-            memory, written, seconds = _limits(path)
+            memory, written, most, seconds = _limits(path)
             if resource is not None:
                 used = resource.getrusage(resource.RUSAGE_SELF)
                 for kind, limit in (
@@ -122,6 +122,12 @@ def child() -> None:
             outcome: list[RawRecording] | Exception
             try:
                 outcome = read_here(path, settings)
+                samples = sum(len(motion.positions) for motion in outcome)
+                if samples > most:
+                    raise ValueError(
+                        f"{path} makes {samples:,} samples of few bytes, and at most "
+                        f"{most:,.0f} are allowed: it is made to fill the memory"
+                    )
             except (OSError, ValueError, ModuleNotFoundError) as error:
                 # Only these have arguments that can be passed on.
                 outcome = type(error)(*error.args)

@@ -5,6 +5,7 @@ its numbers are in the data set, or given by ``--columns``. Forces and moments a
 six numbers of ``observation.force`` or of another feature.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording, chosen
-from gplfd_experiments.data.readers.tables import FORCE, named_columns, recording
+from gplfd_experiments.data.readers.tables import (
+    FORCE,
+    named_columns,
+    recording,
+    understood,
+)
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
@@ -24,6 +30,7 @@ with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 WRENCH: Final = "observation.force"
+_ORIENTED: Final = re.compile("roll|pitch|yaw|rot|quat|orient|euler|rpy")
 AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the state"}
 """Entry ``info`` of the feature of wrenches that gplfd writes."""
 
@@ -62,6 +69,10 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         force = force or WRENCH
     if force is not None:
         observed = feature_named(force).get("info") == AS_OBSERVED
+    unused = [head for head in heads if understood(head)[0] is None]
+    unused += vectors.keys() - {name, force}
+    unused = sorted(text for text in unused if _ORIENTED.search(text.lower()))
+    not_used = f"{', '.join(unused)!s:.200} are not used: it has no orientation"
     rate = entry(info, "fps", float)
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files or not rate > 0.0:
@@ -96,6 +107,8 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             columns |= {key: (wrench[rows, at], None) for at, key in enumerate(FORCE)}
         label = f"{path.name}: episode {int(episodes[rows[0]])}"
         motion = recording(label, columns, settings)
+        if motion.quaternions is None and unused:
+            motion = replace(motion, notes=(*motion.notes, not_used))
         recordings.append(replace(motion, forces_on="hand" if observed else None))
     return recordings
 
