@@ -96,7 +96,7 @@ def _started(scratch: str) -> Iterator[Any]:
 
 
 def _limits(path: Path) -> list[float]:
-    """Return memory [bytes], written bytes, samples and processor time [s] of a file."""
+    """Return memory [bytes], written bytes, samples and processor time [s]."""
     files = path.rglob("*") if path.is_dir() else [path]
     size = sum(file.stat().st_size for file in files if file.is_file())
     return [least + per_byte * size for least, per_byte in _LIMITS]
