@@ -314,6 +314,18 @@ def test_an_agent_that_fails_stops(act, reason):
     assert robot.step()["pose"] == [0, 0, 0.02, 0, 0, 0], "at the greatest speed"
 
 
+@pytest.mark.parametrize("width", [math.nan, math.inf, "wide"])
+def test_a_gripper_width_that_is_no_finite_number_stops(width):
+    robot = Robot()
+    robot.session._agent = SimpleNamespace(
+        **{"control": "pose", "dynamics": None, "gripper_width": width},
+        act=lambda _: AgentStep(action=np.zeros(6)),
+    )
+    reply = robot.step()
+    assert (reply["state"], reply["pose"]) == ("stopped", [0.0] * 6)
+    assert "gripper_width" not in reply
+
+
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_reset_beyond_the_limits_moves_nothing_and_one_that_fails_stops(begun):
     robot = Robot()

@@ -32,6 +32,7 @@ PRESSES: Final = ("", "start", "stop", "keep", "repeat", "discard", "next", "fin
 # Control periods per request; on a slower computer, the simulation is slower.
 _MOST: Final = 10
 _LARGEST: Final = 10_000  # Largest size of a request [bytes].
+_SILENCE: Final = 10.0  # A connection without a request for this time is closed [s].
 # Names of this machine that other machines cannot reach.
 _LOOPBACK: Final = ("127.0.0.1", "localhost")
 
@@ -161,6 +162,7 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
+        timeout = _SILENCE
 
         def do_GET(self) -> None:
             if self.path != "/":
@@ -190,6 +192,9 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
             self.send_header("X-State", state)
+            # No page of another site may show this one in a frame.
+            self.send_header("X-Frame-Options", "DENY")
+            self.send_header("Content-Security-Policy", "frame-ancestors 'none'")
             self.end_headers()
             self.wfile.write(content)
 

@@ -20,6 +20,7 @@ from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.teaching.lesson import CorrectionLesson, DemonstrationLesson
+from gplfd_experiments.teaching import page
 from gplfd_experiments.teaching.page import Session, teach
 from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
 from gplfd_policies import load_skill
@@ -167,9 +168,16 @@ def serving(folder: Path, device: str = "mouse") -> Iterator[int]:
 
 
 def test_only_the_page_of_this_machine_is_answered(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(page, "_SILENCE", 1.0)
     with serving(tmp_path / "set") as port:
+        # Half a request does not hold a connection; no other site frames the page.
+        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as half:
+            half.sendall(b"GET / HTTP/1.1\r\n\r\nPOST /exchange HTTP/1.1\r\n")
+            answer = b"".join(iter(lambda: half.recv(65536), b""))
+        assert b"X-Frame-Options: DENY" in answer
+        assert b"frame-ancestors 'none'" in answer
         status, text = send(port, {"input": IDLE, "press": "jump"})
         assert (status, "press 'jump' must be one of" in text) == (400, True)
         assert send(port, {"input": IDLE}, Host="evil.example")[0] == 403
