@@ -318,7 +318,9 @@ def test_an_agent_that_fails_stops(act, reason):
 def test_a_gripper_width_that_is_no_finite_number_stops(width):
     robot = Robot()
     robot.session._agent = SimpleNamespace(
-        **{"control": "pose", "dynamics": None, "gripper_width": width},
+        control="pose",
+        dynamics=None,
+        gripper_width=width,
         act=lambda _: AgentStep(action=np.zeros(6)),
     )
     reply = robot.step()

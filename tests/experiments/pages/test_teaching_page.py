@@ -19,8 +19,8 @@ from gplfd_env.doors.config import door_config
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.teaching.lesson import CorrectionLesson, DemonstrationLesson
 from gplfd_experiments.teaching import page
+from gplfd_experiments.teaching.lesson import CorrectionLesson, DemonstrationLesson
 from gplfd_experiments.teaching.page import Session, teach
 from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
 from gplfd_policies import load_skill
