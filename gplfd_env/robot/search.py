@@ -30,6 +30,9 @@ _TRIES: Final = 12
 _OPENED: Final = math.radians(72.0)
 """How far the arm follows the handle of an opening door [rad]."""
 
+_ENOUGH: Final = 14
+"""Number of its 16 moments that suffice if no arm follows all: up to 62°."""
+
 _RADII: Final = (0.5, 0.65, 0.35)
 """Distances from the hinge that a stance serves, the first one in any case [m]."""
 
@@ -120,11 +123,16 @@ class _Chain(NamedTuple):
         return postures, errors, strength
 
     def follow(
-        self, tries: "_Tries", path: Array, what: Sequence[str]
+        self,
+        tries: "_Tries",
+        path: Array,
+        what: Sequence[str],
+        enough: int = 99,
     ) -> tuple[npt.NDArray[np.intp], Array]:
         """Follow a path of the hand in the task frame, (T, 6) [m, rad].
 
-        Returns the indices of the tries that follow it and their scores [m]. Raises a
+        Returns the indices of the tries that follow it, or at least `enough` poses of
+        it if none follows all, and their scores. Raises a
         ValueError that says where and why all others fail if there is none.
         """
         rows, postures = np.arange(len(tries.yaws), dtype=np.intp), tries.postures
@@ -140,6 +148,8 @@ class _Chain(NamedTuple):
                 postures, places[rows], frames[rows], 40 if number == 0 else 12
             )
             good = np.abs(errors).max(1) < _CLOSE
+            if not good.any() and number >= enough:
+                break
             if not good.any():
                 row = int(np.linalg.norm(errors, axis=1).argmin())
                 away, turn = np.split(errors[row], 2)
@@ -346,7 +356,7 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance:
         first, *others = _RADII
         kept = np.flatnonzero(_clear(tries, group, max(_RADII)))
         tries = _Tries(*(values[kept] for values in tries))
-        rows, scores = chain.follow(tries, *_opening(group, first))
+        rows, scores = chain.follow(tries, *_opening(group, first), _ENOUGH)
     except ValueError as error:
         raise ValueError(
             f"no stance was found in which the arm of {robot.name} opens a door with "
@@ -358,7 +368,7 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance:
     for other in others:
         few = _Tries(*(values[rows] for values in tries))
         try:
-            also, more = chain.follow(few, *_opening(group, other))
+            also, more = chain.follow(few, *_opening(group, other), _ENOUGH)
         except ValueError:
             continue
         rows, scores = rows[also], np.minimum(scores[also], more)
