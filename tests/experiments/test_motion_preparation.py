@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc, relative_poses
 from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
-from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
+from gplfd_experiments.data.preparation.frames import doubtful_rotation, find_hinge
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.preparation.timing import outliers
 from gplfd_experiments.data.raw import RawRecording
@@ -91,7 +91,7 @@ def test_as_recorded_is_as_recorded():
     found = Rotation.from_rotvec(poses[:, 3:].copy())
     recorded = Rotation.from_quat(RAW.quaternions, scalar_first=True)
     assert (found * recorded.inv()).magnitude().max() < 1e-9
-    assert motion.notes == ()
+    assert [note.text[:27] for note in motion.notes] == ["moves on a circle of radius"]
     # Without orientations, it does not turn.
     motion = only(replace(RAW, quaternions=None), ANY)
     assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
@@ -241,11 +241,11 @@ def test_a_changed_order_is_noticed_in_recordings_of_people():
         opened = without_spikes(
             usable(raw, ImportSettings(recorded_rate=20.0), Notes()), Notes()
         ).poses
-        wrongly += suspicious_order(opened) is not None
+        wrongly += doubtful_rotation(opened) is not None
         for shift in (-1, 1):
             changed = np.roll(opened[:, 3:], shift, axis=1)
             changed = np.hstack([opened[:, :3], changed])
-            found += suspicious_order(changed) is not None
+            found += doubtful_rotation(changed) is not None
     assert (found, wrongly) == (15, 0)
 
 
@@ -420,6 +420,73 @@ def test_what_is_about_no_hinge_is_refused():
     bent = np.column_stack([np.sin(9.0 * line), line, np.cos(4.0 * line)])
     with pytest.raises(ValueError, match=r"off a circle .* so it has no hinge"):
         find_hinge(bent)
+
+
+def with_a_way(way: Any, *, last: bool) -> RawRecording:
+    """A door that is opened by a hand that reaches or retreats straight."""
+    raw = door(rest=0.0)
+    line = np.linspace(1.0, 0.0, 100)[:, None] * TURN.apply(way)
+    part = some(raw, np.r_[[0] * 100, 0:401, [400] * 100])
+    part = some(part, np.r_[100:601] if last else np.r_[0:501])
+    positions = part.positions.copy()
+    positions[401 if last else 0 :][:100] += line[::-1] if last else line
+    times = np.arange(501) / RATE
+    return replace(part, positions=positions, times=times)
+
+
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("way", [(0.05, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0.1, 0, 0.1)])
+def test_reach_and_retreat_are_no_part_of_the_circle(way, last):
+    motion = only(with_a_way(way, last=last), frame="hinge")
+    assert motion.radius == pytest.approx(0.6, abs=5e-3)
+    turned = motion.demonstration.poses[-1, 4]
+    assert turned == pytest.approx(1.2, abs=0.05)
+    assert "off the circle of the hinge" in texts(motion, warnings=True)
+
+
+def test_a_hinge_unlike_a_door_or_the_hands_rotation_is_doubted():
+    assert "right? doors have a radius" in texts(
+        only(door(radius=0.2), frame="hinge"), warnings=True
+    )
+    rotations = Rotation.from_quat(WXYZ, scalar_first=True)
+    since = (rotations * rotations[0].inv()).as_rotvec()
+    slower = Rotation.from_rotvec(0.7 * since) * rotations[0]
+    quaternions = slower.as_quat(scalar_first=True)
+    motion = only(replace(RAW, quaternions=quaternions), frame="hinge")
+    assert "right? the hand turned by 48°" in texts(motion, warnings=True)
+
+
+@pytest.mark.parametrize("frame", ["first-pose", "recorded"])
+def test_a_circle_without_its_hinge_is_noticed_once(frame):
+    motions = prepare([door(), door(angle=1.0)], ImportSettings(frame=frame))
+    said = "moves on a circle of radius 0.60 m, as 1 more do"
+    assert [said in texts(motion, warnings=True) for motion in motions] == [True, False]
+
+
+def test_orientations_that_contradict_the_path_are_noticed():
+    rotations = Rotation.from_quat(WXYZ, scalar_first=True)
+    wrong = rotations.inv().as_quat(scalar_first=True)
+    raw = replace(RAW, quaternions=wrong, reading="matrices")
+    assert "was it read rightly, as matrices" in texts(only(raw), warnings=True)
+    raw = replace(RAW, reading="matrices")
+    assert "read rightly" not in texts(only(raw))
+
+
+@pytest.mark.parametrize("lost", ["positions", "quaternions"])
+def test_where_a_tracker_lost_the_hand_samples_are_missing(lost):
+    values = np.array(getattr(RAW, lost))
+    values[100:120] = 0.0 if lost == "positions" else (1.0, 0.0, 0.0, 0.0)
+    motion = only(replace(RAW, **{lost: values}))
+    assert "20 of 401 samples missing" in texts(motion)
+    # A motion that begins at zero loses none.
+    relative = replace(RAW, positions=POSITIONS - POSITIONS[0])
+    assert len(only(relative).demonstration.times) == 401
+
+
+def test_options_of_forces_without_forces_are_said():
+    motion = only(RAW, force_rest=0.5, tool_weight=9.0)
+    said = "--force-rest, --tool-weight without effect: it has no forces"
+    assert said in texts(motion, warnings=True)
 
 
 # ------------------------------------------------------------------ forces

@@ -10,7 +10,7 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -691,6 +691,151 @@ def test_what_looks_wrong_in_a_table_is_noted(tmp_path):
     message = r"no time stamps: its columns are Zeit, .* --columns t,x,-,y,z\. Otherw"
     with pytest.raises(ValueError, match=message):
         prepare([table(tmp_path, text)], ANY)
+
+
+MATRICES = ROTATIONS.as_matrix().reshape(N, 9)
+NUMBERS = ("11", "12", "13", "21", "22", "23", "31", "32", "33")
+
+
+def euler(sequence: str, by_axis: bool = True, unit: float = 1.0) -> Any:
+    angles = ROTATIONS.as_euler(sequence) / unit  # type: ignore[call-overload]
+    order = np.argsort(["xyz".index(axis) for axis in sequence.lower()])
+    return angles[:, order] if by_axis else angles
+
+
+@pytest.mark.parametrize(
+    ("heads", "values", "options"),
+    [
+        ("rot_x rot_y rot_z rot_w", XYZW, {}),
+        ("rx ry rz rw", XYZW, {}),
+        ("hand.rotation.x hand.rotation.y hand.rotation.z hand.rotation.w", XYZW, {}),
+        ("quatW quatX quatY quatZ", WXYZ, {}),
+        ("q0 q1 q2 q3", XYZW, {"quaternions": "xyzw"}),
+        ("rx ry rz", ROTATIONS.as_rotvec(), {}),
+        ("roll pitch yaw", euler("xyz"), {}),
+        ("roll_deg pitch_deg yaw_deg", euler("xyz", unit=np.pi / 180), {}),
+        ("rx ry rz", euler("ZYX"), {"angles": "euler-ZYX"}),
+        ("rx ry rz", euler("yzx", unit=np.pi / 180), {"angles": "euler-yzx-deg"}),
+        ("euler_x euler_y euler_z", euler("zxz", False), {"angles": "euler-zxz"}),
+        (" ".join(f"r{at}" for at in NUMBERS), MATRICES, {}),
+        (" ".join(f"rot6d_{at}" for at in range(6)), MATRICES[:, :6], {}),
+    ],
+)
+def test_orientations_of_every_form_are_read_from_columns(
+    tmp_path, heads, values, options
+):
+    rows = np.column_stack([POSITIONS, values]).tolist()
+    lines = [",".join(map(repr, row)) for row in rows]
+    text = "\n".join(["pos_x,pos_y,pos_z," + heads.replace(" ", ","), *lines])
+    check(table(tmp_path, text, **options))
+
+
+def check(motion: RawRecording) -> None:
+    turned = Rotation.from_quat(quaternions(motion), scalar_first=True)
+    assert (turned * ROTATIONS.inv()).magnitude().max() < 1e-9
+    assert_array_equal(motion.positions, POSITIONS)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "options"),
+    [
+        ("orientation", XYZW, {"quaternions": "xyzw"}),
+        ("rotations", MATRICES.reshape(N, 3, 3), {}),
+        ("rot", np.moveaxis(MATRICES.reshape(N, 3, 3), 0, -1), {}),
+        ("rpy", euler("xyz"), {}),
+        ("euler", euler("ZYX", False), {"angles": "euler-ZYX"}),
+        ("ypr", euler("xyz")[:, ::-1], {}),
+        ("rot_6d", MATRICES[:, :6], {}),
+        ("axis_angle", ROTATIONS.as_rotvec(), {}),
+    ],
+)
+def test_orientations_of_every_form_are_read_from_arrays(
+    tmp_path, name, values, options
+):
+    np.savez(tmp_path / "a.npz", positions=POSITIONS, **{name: values})
+    check(only(tmp_path / "a.npz", **options))
+    if name in ("orientation", "rot"):
+        return
+    with h5py.File(tmp_path / "a.hdf5", "w") as file:
+        obs = file.create_group("data/demo_1/obs")
+        obs["robot0_eef_pos"], obs[f"robot0_eef_{name}"] = POSITIONS, values
+    check(only(tmp_path / "a.hdf5", **options))
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "options"),
+    [
+        ("sep=;\nx;y;z\n0,5;2;3\n1;2;3", "utf-8", {}),
+        ("x\ty\tz\n0,5\t2\t3\n1\t2\t3", "utf-8-sig", {}),
+        ("x y z\n0,5 2 3\n1 2 3", "utf-16", {}),
+        ("0,5 2 3\n1 2 3", "utf-16-le", {"columns": ("x", "y", "z")}),
+        ("# Tür\nx,y,z\n0.5,2,3\nNA,2,3\n1,2,3", "latin-1", {}),
+        ("by me\n\nx,y,z\n0.5,2,3\n1,2,3", "utf-8", {}),
+        ("a,b,c\n0.5,2,3\n1,2,3", "utf-8", {"columns": ("x=a", "y=b", "z=c")}),
+        (
+            ",p,p,p,p\n,M,R,R,R\nTime (Seconds),c,x,y,z\n0,1,.5,2,3\n1,1,1,2,3",
+            "utf-8",
+            {},
+        ),
+    ],
+)
+def test_dialects_of_tables(tmp_path, text, encoding, options):
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    positions = only(tmp_path / "a.csv", **options).positions
+    positions = positions[np.isfinite(positions).all(axis=1)]
+    assert_array_equal(positions, [[0.5, 2, 3], [1, 2, 3]])
+
+
+def test_motive_states_units_in_its_first_line_and_bodies_above_the_columns(tmp_path):
+    kinds = ["Rotation"] * 4 + ["Position"] * 3
+    rows = [
+        [
+            "Format Version",
+            "1.23",
+            "Rotation Type",
+            "Quaternion",
+            "Length Units",
+            "Millimeters",
+        ],
+        ["", "", *["Rigid Body"] * 14],
+        ["", "", *["Hand"] * 7, *["Door"] * 7],
+        ["", "", *["1"] * 7, *["2"] * 7],
+        ["", "", *kinds, *kinds],
+        ["Frame", "Time (Seconds)", *"XYZWXYZXYZWXYZ"],
+    ]
+    hand = np.hstack([XYZW, 1e3 * POSITIONS])
+    values = np.column_stack([np.arange(N), TIMES, hand, np.roll(hand, 1, axis=0)])
+    text = "\n".join(",".join(map(str, row)) for row in [*rows, *values.tolist()])
+    motion = table(tmp_path, text, body="Hand")
+    assert motion.unit == "mm"
+    check(replace(motion, positions=POSITIONS))
+    assert_allclose(motion.positions, 1e3 * POSITIONS)
+    with pytest.raises(
+        ValueError, match="choose with --body: rigid body door 2, rigid"
+    ):
+        table(tmp_path, text)
+
+
+def test_stamps_of_seconds_and_nanoseconds_are_one_time(tmp_path):
+    text = "header.stamp.secs,header.stamp.nsecs,x,y\n9,900000000,0,0\n10,0,0,1\n"
+    assert_allclose(table(tmp_path, text).times, [0.9, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("option", "note"),
+    [
+        ({"time_unit": "ms"}, "times read in ms, although the file states s"),
+        ({"angles": "deg"}, "--angles has no effect"),
+        ({"quaternions": "xyzw"}, "--quaternions has no effect"),
+        ({"body": "Hand"}, "--body has no effect"),
+        ({"recorded_rate": 9.0}, "--recorded-rate has no effect"),
+        ({"urdf": Path("a"), "link": "b"}, "--urdf has no effect"),
+        ({"wrench": "/ft"}, "--wrench has no effect"),
+    ],
+)
+def test_options_without_effect_are_said(tmp_path, option, note):
+    write_csv(tmp_path / "a.csv")
+    assert any(note in text for text in only(tmp_path / "a.csv", **option).notes)
 
 
 # ------------------------------------------------------------------ arrays of people

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from glob import glob
 from pathlib import Path
 from typing import Final
 
@@ -46,6 +47,7 @@ def import_recordings(
         ValueError: A setting is wrong, or a file cannot be understood or used.
         OSError: A file cannot be read, or the set not be written.
     """
+    files = _expanded(files)
     check_folder(folder.parent)
     check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
     reading = progress_bar(
@@ -73,6 +75,15 @@ def import_recordings(
         write_json(written / "import.json", origin)
         draw(motions, written / PICTURE)
     return motions, text
+
+
+def _expanded(files: Sequence[Path]) -> list[Path]:
+    """Return files with those of wildcards that the shell left alone."""
+    every: list[Path] = []
+    for file in files:
+        matching = [file] if file.exists() else sorted(map(Path, glob(str(file))))
+        every += matching or [file]
+    return every
 
 
 def report(

@@ -38,6 +38,8 @@ class RawRecording:
     """Time stamps [s], (N,); None if the file has none."""
     quaternions: FloatArray | None = None
     """Quaternions, scalar first, of any sign and norm, (N, 4); or none."""
+    reading: str = ""
+    """What orientations were read from, if not from quaternions."""
     wrenches: FloatArray | None = None
     """Forces and moments [N, N m], (N, 6); or none."""
     forces_on: Literal["hand", "object"] | None = None

@@ -5,6 +5,7 @@ They are the options of ``gplfd demos import``; there are no slow imports, for
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +27,13 @@ _FRAMES: Final = ("first-pose", "recorded", "hinge")
 _CHOICES: Final[Mapping[str, Any]] = {
     "units": METRES,
     "time_unit": SECONDS,
-    "angles": RADIANS,
     "quaternions": ("wxyz", "xyzw"),
     "force_on": ("hand", "object"),
     "force_axes": ("hand", "recorded"),
 }
+_ANGLES: Final = re.compile(
+    r"(rad|deg)|euler-((?!.*(.)\3)(?:[xyz]{3}|[XYZ]{3}))(?:-(rad|deg))?"
+)
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
 _LEAST: Final = {
     **dict.fromkeys(("cutoff", "rate", "force_rest", "tool_weight"), 0.0),
@@ -49,6 +52,17 @@ def likely_time_unit(step: float) -> str | None:
     shortest, longest = _USUAL_STEP
     fits = (unit for unit, s in SECONDS.items() if shortest <= step * s < longest)
     return next(fits, None)
+
+
+def angles_of(text: str | None) -> tuple[str | None, str | None]:
+    """Return the sequence of Euler angles and the unit of `ImportSettings.angles`."""
+    match = _ANGLES.fullmatch(text or "rad")
+    if match is None:
+        raise ValueError(
+            f"angles {text!r} must be rad, deg, or Euler angles such as euler-xyz, "
+            "about fixed axes, euler-ZYX, about those of the hand, and euler-xyz-deg"
+        )
+    return match[2], (match[1] or match[4]) if text else None
 
 
 def of_text(metavar: str, read: Callable[[str], Any]) -> Any:
@@ -111,8 +125,8 @@ class ImportSettings:
 
     columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _columns)] = ()
     """Names of the columns of a table without a header, in order, with - for a column
-    to ignore; known names are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ...,
-    gripper."""
+    to ignore, or NAME=HEAD for some columns of a header; known names are t, x, y, z,
+    qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""
 
     units: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of positions; overrides the unit in the file. Default: that unit, or
@@ -122,8 +136,12 @@ class ImportSettings:
     """Unit of times in tables and arrays; overrides the unit in the file. Default: that
     unit, or seconds."""
 
-    angles: Literal["rad", "deg"] = "rad"
-    """Unit of rotation vectors rx, ry, rz if the file states none."""
+    angles: Annotated[str | None, tyro.conf.arg(metavar="rad|deg|euler-xyz[-deg]")] = (
+        None
+    )
+    """Unit of rotation vectors and Euler angles; overrides the unit in the file.
+    Default: that unit, or radians. With euler-, angles are about these axes, in any
+    order of SciPy: euler-xyz about fixed axes, euler-ZYX about those of the hand."""
 
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of quaternion components without names."""
@@ -206,6 +224,7 @@ class ImportSettings:
     """Longest gap between samples that is interpolated [s]."""
 
     def __post_init__(self) -> None:
+        angles_of(self.angles)
         for name, known in _CHOICES.items():
             value = getattr(self, name)
             if value is not None and value not in known:

@@ -47,6 +47,8 @@ class Motion:
     """Recorded signals other than poses and wrenches, at the same times, (N, d)."""
     radius: float | None
     """Radius of the estimated hinge [m]."""
+    circle: float | None
+    """Radius of the circle on which it moves as with a door [m]."""
     recorded: Samples
     """The recorded motion, changed only by its unit and missing samples."""
     notes: tuple[Note, ...]
@@ -77,7 +79,7 @@ def prepare(
             parts = timing.repetitions(samples, settings.segment, notes)
             for number, part in enumerate(parts, start=1):
                 name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
-                motions.append(_motion(name, part, settings, notes, left))
+                motions.append(_motion(name, part, settings, notes, left, raw.reading))
                 left -= len(motions[-1].demonstration.times)
                 notes = Notes()
         except ValueError as error:
@@ -90,6 +92,16 @@ def prepare(
         if same < place:
             again = Note(f"the same motion as {same}: leave it out", warning=True)
             motions[place] = replace(motion, notes=(*motion.notes, again))
+    turning = [place for place, motion in enumerate(motions) if motion.circle]
+    if settings.frame in ("first-pose", "recorded") and turning:
+        motion, others = motions[turning[0]], len(turning) - 1
+        text = (
+            f"moves on a circle of radius {motion.circle:.2f} m"
+            + f", as {others} more do" * bool(others)
+            + ": to open doors with it, say --frame hinge"
+        )
+        noted = (*motion.notes, Note(text, warning=True))
+        motions[turning[0]] = replace(motion, notes=noted)
     if len(motions) < 4:
         return tuple(motions)
     # Report motions that are unlike the others.
@@ -105,7 +117,12 @@ def prepare(
 
 
 def _motion(
-    name: str, recorded: Samples, settings: ImportSettings, notes: Notes, most: int
+    name: str,
+    recorded: Samples,
+    settings: ImportSettings,
+    notes: Notes,
+    most: int,
+    reading: str,
 ) -> Motion:
     """Prepare one repetition with a limited number of samples."""
     samples = timing.bridged(recorded, settings.largest_gap, notes)
@@ -116,9 +133,6 @@ def _motion(
         notes.warn(f"it spans {span:.3g} m: are positions in {unit}? say --units")
     elif span < _SMALL:
         notes.warn(f"it spans {1e3 * span:.2g} mm: is the unit right? say --units")
-    has_orientations = np.ptp(samples.poses[:, 3:], axis=0).any()
-    if has_orientations and (order := frames.suspicious_order(samples.poses)):
-        notes.warn(order)
     samples = timing.filtered(samples, settings.cutoff, notes)
     if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))
@@ -130,6 +144,19 @@ def _motion(
                 "cut"
             )
             samples = samples[kept]
+    opening = frames.on_circle(samples)
+    has_orientations = np.ptp(samples.poses[:, 3:], axis=0).any()
+    doubt = frames.doubtful_rotation(opening.poses, reading)
+    if has_orientations and doubt is not None:
+        notes.warn(doubt)
+    if settings.frame == "hinge" and len(opening.times) < len(samples.times):
+        reach = opening.times[0] - samples.times[0]
+        retreat = samples.times[-1] - opening.times[-1]
+        notes.warn(
+            f"{reach:.2f} s of reach at the start and {retreat:.2f} s of retreat at "
+            "the end cut: they are off the circle of the hinge"
+        )
+        samples = opening
     samples, radius = frames.in_frame(samples, settings.frame, notes)
     samples = timing.at_rate(samples, settings.rate, most)
     return Motion(
@@ -137,6 +164,7 @@ def _motion(
         demonstration=_demonstration(samples),
         signals=samples.signals,
         radius=radius,
+        circle=frames.radius_of_door(opening.poses),
         recorded=recorded,
         notes=tuple(notes),
     )

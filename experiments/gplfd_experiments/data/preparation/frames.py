@@ -4,7 +4,7 @@ A wrench is a force and a moment about a point, (f_x, f_y, f_z, m_x, m_y, m_z) [
 """
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,10 +15,20 @@ from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.settings import ImportSettings, Pose
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.arrays.resolution import interpolated
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
 _SHORTEST: Final = math.radians(10.0)  # Smallest arc for estimating a hinge [rad].
 _ROUND: Final = 0.05  # Largest distance (rms) from the circle per radius.
+_DOORS: Final = (0.3, 1.05)  # Radii of doors [m].
+_UNROUND: Final = 0.02  # A hinge with a larger distance (rms) per radius is doubtful.
+_UNTURNED: Final = 8.0  # So is one if hand and door turn differently [deg].
+_CUTS: Final = np.linspace(0.0, 0.4, 21)  # Shares of the path that may be reach.
+_LEAST_PART: Final = 0.5  # Smallest share of the path on the circle.
+_ALIKE, _NOISE = 1.5, 3e-4  # Parts of such residuals fit alike, per least and [m].
+# A part is cut out if the whole is off by this ratio. Openings of a box and a cabinet
+# by people and a robot have 1 to 7, doors with a reach of 5 to 20 cm 26 to 170.
+_FAR_OFF: Final = 8.0
 _LARGEST: Final = 1e9  # Larger forces and moments count as missing [N, N m].
 
 # Another order of quaternions is proposed for an arc of this least size [rad], if the
@@ -58,6 +68,24 @@ def find_hinge(positions: FloatArray) -> Hinge:
         raise ValueError(
             f"no hinge can be found from {len(positions)} samples, needs 3; {instead}"
         )
+    hinge = _fitted(positions)
+    arc = np.ptp(hinge.angles)
+    if arc < _SHORTEST:
+        raise ValueError(
+            f"no hinge can be found from an arc of {math.degrees(arc):.1f}°, only from "
+            f"{math.degrees(_SHORTEST):.0f}°; {instead}"
+        )
+    if hinge.residual > _ROUND * hinge.radius:
+        raise ValueError(
+            f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
+            f"{hinge.radius:.2f} m, so it has no hinge; {instead}, or part it into "
+            "repetitions (--segment)"
+        )
+    return hinge
+
+
+def _fitted(positions: FloatArray, *, precisely: bool = True) -> Hinge:
+    """Return the circle of least squared distances, or roughly of their squares."""
     mean = positions.mean(axis=0)
     _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
     plane, normal = directions[:2], directions[2]
@@ -65,12 +93,12 @@ def find_hinge(positions: FloatArray) -> Hinge:
     # x² + y² = 2 a x + 2 b y + c, the start of the fit of distances.
     left = np.column_stack([2.0 * flat, np.ones(len(flat))])
     a, b, c = np.linalg.lstsq(left, np.sum(flat**2, axis=1), rcond=None)[0]
-    begin = np.array([a, b, math.sqrt(max(c + a * a + b * b, 1e-12))])
+    fit = np.array([a, b, math.sqrt(max(c + a * a + b * b, 1e-12))])
 
     def distances(circle: FloatArray) -> FloatArray:
         return np.asarray(np.hypot(*(flat - circle[:2]).T) - circle[2])
 
-    fit = least_squares(distances, begin).x
+    fit = least_squares(distances, fit).x if precisely else fit
     arms = flat - fit[:2]
     angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
     angles -= angles[0]
@@ -82,25 +110,72 @@ def find_hinge(positions: FloatArray) -> Hinge:
     off_plane = (positions - mean) @ directions[2]
     off_circle = np.linalg.norm(arms, axis=1) - fit[2]
     residual = float(np.sqrt(np.mean(off_plane**2 + off_circle**2)))
-    radius, arc = float(fit[2]), np.ptp(angles)
-    if arc < _SHORTEST:
-        raise ValueError(
-            f"no hinge can be found from an arc of {math.degrees(arc):.1f}°, only from "
-            f"{math.degrees(_SHORTEST):.0f}°; {instead}"
-        )
-    if residual > _ROUND * radius:
-        raise ValueError(
-            f"the motion is {1e3 * residual:.0f} mm (rms) off a circle of {radius:.2f} "
-            f"m, so it has no hinge; {instead}, or part it into repetitions (--segment)"
-        )
     centre = mean + fit[:2] @ plane
-    return Hinge(centre, normal * handed, radius, angles, residual)
+    return Hinge(centre, normal * handed, float(fit[2]), angles, residual)
 
 
-def suspicious_order(poses: FloatArray) -> str | None:
-    """Return a warning if the other order of quaternions fits a hand at a hinge better.
+def radius_of_door(poses: FloatArray) -> float | None:
+    """Return the radius of a motion as of a door [m], None if it is not so round."""
+    try:
+        hinge = find_hinge(poses[:, :3])
+    except ValueError:
+        return None
+    like_a_door = _DOORS[0] <= hinge.radius <= _DOORS[1]
+    like_a_door &= np.ptp(hinge.angles) >= _LEAST_TURN
+    like_a_door &= hinge.residual <= _UNROUND * hinge.radius
+    return hinge.radius if like_a_door else None
 
-    This is only known for a motion on a circle, where the hand rotates with the angle.
+
+def on_circle(samples: Samples) -> Samples:
+    """Return the part of a motion that is on the circle of a hinge, without reach.
+
+    It is the longest part, of at least half the path, that fits many times better than
+    the whole: by its distance from a circle and the rotation of the hand with the
+    angle, or by the distance alone. Without such a part, it is the whole.
+    """
+    positions, rotations = _parts(samples.poses)
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    turned = (rotations * rotations[0].inv()).as_rotvec()
+    for columns in ((positions, turned), (positions,)):
+        if not turned.any() and len(columns) == 2:
+            continue
+        residuals = {
+            (first, last): _off_hinge(
+                interpolated(
+                    way[-1] * np.linspace(first, last, 60), way, np.hstack(columns)
+                )
+            )
+            for first in _CUTS
+            for last in 1.0 - _CUTS
+            if last - first >= _LEAST_PART
+        }
+        bound = _ALIKE * min(residuals.values()) + _NOISE
+        fitting = [part for part, off in residuals.items() if off <= bound]
+        first, last = max(fitting, key=lambda part: part[1] - part[0])
+        if residuals[0.0, 1.0] >= _FAR_OFF * residuals[first, last]:
+            return samples[(way >= first * way[-1]) & (way <= last * way[-1])]
+    return samples
+
+
+def _off_hinge(columns: FloatArray) -> float:
+    """Return the distance of a motion from one about a hinge, rms [m].
+
+    Of positions and rotation vectors since the start, (N, 6), the hand is to turn by
+    the angle on the circle. Of positions (N, 3), it is the distance from the circle.
+    """
+    hinge = _fitted(columns[:, :3], precisely=False)
+    if columns.shape[1] == 3:
+        return hinge.residual
+    untimely = columns[:, 3:] @ hinge.axis - hinge.angles
+    return math.hypot(hinge.residual, hinge.radius * float(np.std(untimely)))
+
+
+def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
+    """Return a warning if orientations do not fit a hinge as read, see `RawRecording`.
+
+    This is only known for a motion on a circle, where the hand rotates with the angle:
+    quaternions would fit better in the other order, and others do not at all.
     """
     try:
         hinge = find_hinge(poses[:, :3])
@@ -117,22 +192,29 @@ def suspicious_order(poses: FloatArray) -> str | None:
         wrong = (since.inv() * turned).magnitude()
         return float(np.sqrt(np.mean(wrong**2))), since.as_rotvec()
 
-    error, _ = error_and_rotation(0)
+    def with_the_door(rotation: FloatArray) -> bool:
+        # A free hand may rotate about such an axis by chance, but not by the same angle
+        # at the same time.
+        about_axis = rotation @ hinge.axis
+        share = float(about_axis @ hinge.angles / (hinge.angles @ hinge.angles))
+        untimely = np.linalg.norm(about_axis - share * hinge.angles)
+        low, high = _SHARE_TURNED
+        timely = untimely <= _IN_TIME * np.linalg.norm(rotation)
+        return low <= share <= high and bool(timely)
+
+    error, recorded = error_and_rotation(0)
+    differs = (
+        f"the hand moves about a hinge, but its rotation differs by {error:.2g} rad"
+    )
+    if reading:
+        doubtful = error >= _UNLIKE and not with_the_door(recorded)
+        return f"{differs}: was it read rightly, as {reading}?" if doubtful else None
     other, rotation = min(map(error_and_rotation, (1, -1)), key=lambda pair: pair[0])
-    if error < _UNLIKE or other > _FAR_BETTER * error:
-        return None
-    # A free hand may rotate about such an axis by chance, but not by the same angle at
-    # the same time.
-    about_axis = rotation @ hinge.axis
-    share = float(about_axis @ hinge.angles / (hinge.angles @ hinge.angles))
-    untimely = np.linalg.norm(about_axis - share * hinge.angles)
-    low, high = _SHARE_TURNED
-    if not low <= share <= high or untimely > _IN_TIME * np.linalg.norm(rotation):
+    if error < _UNLIKE or other > _FAR_BETTER * error or not with_the_door(rotation):
         return None
     return (
-        f"the hand moves about a hinge, but its rotation differs by {error:.2g} "
-        f"rad, and by {other:.2g} rad with the other order of quaternions: is the "
-        "order correct?"
+        f"{differs}, and by {other:.2g} rad with the other order of quaternions: is "
+        "the order correct?"
     )
 
 
@@ -186,10 +268,24 @@ def in_frame(
             f"opened to {opened:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: "
             f"to learn to open, cut there (--segment {start:.2f}-{end:.2f})"
         )
+    least, most = _DOORS
+    about_axis = math.degrees(np.unwrap(turned.as_rotvec()[:, 1])[widest])
+    doubts = []
+    if not least <= hinge.radius <= most:
+        doubts.append(f"doors have a radius of {least:g} to {most:g} m")
+    if hinge.residual > _UNROUND * hinge.radius:
+        doubts.append("the motion is not round")
+    if abs(about_axis - opened) > max(_UNTURNED, 0.1 * opened):
+        doubts.append(f"the hand turned by {about_axis:.0f}° about the hinge")
     notes.add(
         f"hinge at {hinge.radius:.3f} m, opened to {opened:.0f}°, "
         f"{1e3 * hinge.residual:.1f} mm off the circle (rms)"
     )
+    if doubts:
+        notes.warn(
+            f"is this hinge at {hinge.radius:.3f} m, opened to {opened:.0f}°, right? "
+            f"{', and '.join(doubts)}; if it is not, cut the opening out (--segment)"
+        )
     moved = axes.inv().apply(positions - positions[0])
     return _of_parts(samples, moved, turned, axes), hinge.radius
 
@@ -239,6 +335,17 @@ def wrenches_of_the_hand(
     Wrenches that cannot be converted are left out, and a note says why. The settings
     are those of files that do not state how forces were recorded.
     """
+    ignored = [
+        f"--{field.name.replace('_', '-')}"
+        for field in fields(settings)
+        if field.name.startswith(("force_", "tool_", "gravity"))
+        and getattr(settings, field.name) != field.default
+    ]
+    if ignored and (samples.wrenches is None or raw.forces_on is not None):
+        why = (
+            "it has no forces" if samples.wrenches is None else "it states how they are"
+        )
+        notes.warn(f"{', '.join(ignored)} without effect: {why}")
     if samples.wrenches is None:
         return samples
     if raw.forces_on is not None:

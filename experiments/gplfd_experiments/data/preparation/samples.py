@@ -1,10 +1,11 @@
 """Samples of a motion, and their repair: units, stamps, quaternions, jumps."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gplfd_experiments.data.raw import ROW, RawRecording, restarts
 from gplfd_experiments.data.settings import METRES, ImportSettings
@@ -20,6 +21,7 @@ _MOST_STEPS: Final = 10**6
 _FASTEST: Final = 5.0  # Speed of a hand [m/s] above which a step may be a jump.
 _FASTEST_TURN: Final = 20.0  # The same of the angular speed [rad/s].
 _OUTLYING: Final = 10.0  # Smallest ratio of a jump to the usual step.
+_APART: Final = 0.1  # Least distance from where a tracker is lost, per span.
 _LONGEST_SPIKE: Final = 5  # Largest number of samples between a jump and the jump back.
 
 
@@ -117,6 +119,8 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     """
     for text in raw.notes:
         notes.warn(text)
+    if raw.reading:
+        notes.add(f"orientations are {raw.reading}")
     number, times, units = len(raw.positions), raw.times, settings.units
     if settings.recorded_rate is not None:
         if times is not None:
@@ -129,6 +133,7 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
         )
     complete = np.abs(times) < _LATEST
     complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
+    complete &= ~_lost(raw.positions, [0.0, 0.0, 0.0])
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
     if raw.quaternions is not None:
         norms = np.nan_to_num(np.linalg.norm(raw.quaternions, axis=1), posinf=0.0)
@@ -142,7 +147,7 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
                 "quaternion?"
             )
         quaternions = raw.quaternions / np.where(turned, norms, 1.0)[:, None]
-        complete &= turned
+        complete &= turned & ~_lost(quaternions, [1.0, 0.0, 0.0, 0.0])
     left = np.count_nonzero(complete)
     if left < max(2.0, _LEAST_USABLE * number):
         raise ValueError(
@@ -180,6 +185,22 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
     return replace(samples, poses=poses)
+
+
+def _lost(values: FloatArray, neutral: Sequence[float]) -> NDArray[np.bool_]:
+    """Return which samples a tracker that lost the hand gave a neutral value, (N,).
+
+    These are exactly neutral, and no other sample is near it.
+    """
+    at_neutral = (values == neutral).all(axis=1)
+    others = values[~at_neutral & np.isfinite(values).all(axis=1)]
+    if len(others) < 2 or not at_neutral.any():
+        return np.full(len(values), False)
+    steps = np.linalg.norm(np.diff(others, axis=0), axis=1)
+    usual = np.median(steps[steps > 0.0]) if steps.any() else 0.0
+    distance = np.linalg.norm(others - neutral, axis=1).min()
+    far = distance > max(_OUTLYING * usual, _APART * np.ptp(others, axis=0).max())
+    return np.asarray(at_neutral & far)
 
 
 def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:

@@ -9,6 +9,7 @@ name are motions of one set.
 import contextlib
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,12 +20,12 @@ from gplfd_experiments.data.raw import RawRecording, chosen
 from gplfd_experiments.data.readers.tables import (
     ARRAYS,
     POSITION,
-    QUATERNION,
     ROTATION_VECTOR,
-    XYZW,
     named_columns,
+    orientation_form,
     quaternions_of,
     recording,
+    renamed,
     understood,
 )
 from gplfd_experiments.data.settings import ImportSettings
@@ -33,8 +34,6 @@ from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Arrays = Mapping[str, FloatArray]
 
-_QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")
-"""Names of arrays of quaternions in an order that they do not state."""
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
@@ -78,7 +77,7 @@ def recordings(
         for key, array in arrays.items()
         if array.dtype.kind in "biuf"
     }
-    if settings.columns:
+    if settings.columns and "=" not in settings.columns[0]:
         return _from_columns(name, numbers, settings)
     motions = _motions(numbers)
     if not motions:
@@ -145,17 +144,15 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
     """Return the motion in arrays with supported names."""
     columns: dict[str, tuple[FloatArray, str | None]] = {}
-    for key, array in arrays.items():
-        short, unit = understood(key)
-        names = (short,) if short else ARRAYS.get(key.lower(), ())
-        if key.lower() in _QUATERNIONS:
-            if settings.quaternions is None:
-                raise ValueError(
-                    f"the place of the scalar part of {key!r} is unknown: give "
-                    "--quaternions wxyz or --quaternions xyzw"
-                )
-            names = XYZW if settings.quaternions == "xyzw" else QUATERNION
+    unused, order = [], settings.quaternions
+    heads = renamed(list(arrays), settings.columns)
+    for head, (key, array) in zip(heads, arrays.items(), strict=True):
+        short, unit, owner = understood(head)
+        names = (short,) if short and not owner else ARRAYS.get(head.lower(), ())
+        if not names and (form := orientation_form(head, array.shape, settings)):
+            names, order = form, None
         if not names:
+            unused.append(key)
             continue
         # There may be fewer columns, of positions without z.
         rows = _as_rows(key, array, len(names))
@@ -172,13 +169,17 @@ def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawReco
         f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
         "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
     )
-    return recording(name, columns, settings, untimed)
+    settings = replace(settings, quaternions=order)
+    return recording(name, columns, settings, untimed, unused)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
     if width == 1 and _is_vector(array):
         return array.reshape(-1, 1)
+    if width == 9 and array.ndim == 3:  # Matrices, of MATLAB along the last axis.
+        array = np.moveaxis(array, -1, 0) if array.shape[:2] == (3, 3) else array
+        array = array.reshape(len(array), -1)
     # Positions may lack z, and forces their torques.
     allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))
     if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:

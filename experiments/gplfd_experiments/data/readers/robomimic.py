@@ -1,8 +1,8 @@
 """Demonstrations of robomimic in HDF5: one motion per demonstration.
 
-The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, and forces are
-``obs/NAME_wrench``. Files have no time stamps; the rate is the control frequency of the
-environment, if the file states it.
+The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, or another
+form of its orientation; forces are ``obs/NAME_wrench``. Files have no time stamps; the
+rate is the control frequency of the environment, if the file states it.
 """
 
 import json
@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording, chosen
-from gplfd_experiments.data.settings import ImportSettings
+from gplfd_experiments.data.readers.tables import orientation_form, quaternions_of
+from gplfd_experiments.data.settings import ImportSettings, angles_of
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 
@@ -66,9 +67,22 @@ def _demonstration(
     positions = array(position, 3)
     gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
     force = settings.wrench or f"{hand}_wrench"
-    quaternions, wrenches = None, None
-    if f"{hand}_quat" in obs:
-        quaternions = np.roll(array(f"{hand}_quat", 4), 1, axis=1)
+    quaternions, wrenches, unit = None, None, angles_of(settings.angles)
+    # The scalar of robosuite's quaternions is last.
+    forms = {
+        name: form
+        for name in (f"{hand}_quat", *sorted(obs))
+        if name in obs
+        and name.startswith(f"{hand}_")
+        and (
+            form := orientation_form(
+                name.removeprefix(f"{hand}_"), obs[name].shape, settings, "xyzw"
+            )
+        )
+    }
+    for name, form in list(forms.items())[:1]:
+        values = np.asarray(obs[name][()], dtype=np.float64).reshape(len(positions), -1)
+        quaternions = quaternions_of(form, values, unit[1] or "rad", unit[0] or "xyz")
     if force in obs or settings.wrench is not None:
         wrenches = array(force, 6)
     return RawRecording(
