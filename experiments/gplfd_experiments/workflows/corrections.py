@@ -14,6 +14,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doo
 from gplfd_experiments.teaching.lesson import CorrectionLesson
 from gplfd_experiments.teaching.page import Session, serve
 from gplfd_experiments.teaching.taught import CorrectedSkill
+from gplfd_experiments.workflows.runs import check_frame
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.catalogue import method_and_skill
@@ -43,7 +44,9 @@ def correct_skill(
             f"{out} exists, and may hold corrections; give it as the SKILL to correct "
             "it further, or another --out"
         )
-    store = CorrectedSkill(*method_and_skill(policy, file), out)
+    method, skill = method_and_skill(policy, file)
+    check_frame(skill.frame, file)
+    store = CorrectedSkill(method, skill, out)
     tasks = [
         episode_task(*door, policy=policy, seed=seed)
         for door in named_doors(doors).items()

@@ -55,6 +55,7 @@ from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
     FILE,
+    FRAME,
     LabelledDemonstrations,
     demonstrations_file,
     load_demonstrations,
@@ -187,6 +188,15 @@ def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
     ]
 
 
+def check_frame(frame: str, source: Path) -> None:
+    """Raise a ValueError if the frame of a set or a skill is not that of a door."""
+    if frame not in ("door", FRAME):
+        raise ValueError(
+            f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
+            "import the recordings with  gplfd demos import FILES --frame hinge"
+        )
+
+
 def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
     """Raise a ValueError if a file with one kind of motion cannot serve all doors."""
     if settings.skill is None and settings.demonstrations is None:
@@ -234,6 +244,7 @@ def _learn(
         first = alike[0]
         if settings.skill is not None:
             method, skill = method_and_skill(first.policy, settings.skill)
+            check_frame(skill.frame, settings.skill)
             aligned = skill.aligned.demonstrated
             times = aligned.duration * aligned.times
             # The skill contains the forces, if any.
@@ -245,6 +256,7 @@ def _learn(
         else:
             if settings.demonstrations is not None:
                 labelled = load_demonstrations(settings.demonstrations)
+                check_frame(labelled.frame, settings.demonstrations)
             else:
                 labelled = demonstrations_of(first)
             if policy.kind != "reference":

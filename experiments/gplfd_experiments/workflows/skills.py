@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,12 @@ from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.tasks import recorded_tasks
 from gplfd_experiments.teaching.taught import read_taught
 from gplfd_experiments.workflows.runs import CONFIGURATION
-from gplfd_policies.demonstrations.npz import demonstrations_file, load_demonstrations
+from gplfd_policies.demonstrations.npz import (
+    FIRST_POSE,
+    FRAME,
+    demonstrations_file,
+    load_demonstrations,
+)
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.catalogue import policy_named, skill_method
 from gplfd_policies.registry.method import TrainingInput
@@ -64,7 +70,8 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
         raise ValueError(f"--out {file} is a folder; give a file")
     if file.resolve() == demonstrations_file(demonstrations).resolve():
         raise ValueError(f"--out {file} holds the demonstrations; give another file")
-    motions = load_demonstrations(demonstrations).demonstrations
+    labelled = load_demonstrations(demonstrations)
+    motions = labelled.demonstrations
     LOG.info("learning from %d demonstrations", len(motions))
     target = file.absolute()  # A policy may change the working folder.
     started = time.perf_counter()
@@ -78,6 +85,8 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     movement = modes[0].movement
     if not isinstance(movement, Skill):
         raise TypeError(f"fit_skill made a {type(movement).__name__}")
+    frames = {FRAME: "door", FIRST_POSE: "first pose"}
+    movement = replace(movement, frame=frames.get(labelled.frame, "given"))
     movement.save(target)
     LOG.info("learned (%.1f s)", time.perf_counter() - started)
     return movement

@@ -58,6 +58,8 @@ SIZE_STD: Final = 0.25
 """γ: standard deviation of the size of the next repetition relative to a single
 demonstration, as a share of the displacement from its start."""
 
+FRAMES: Final = ("door", "first pose", "given")
+"""Frames that a skill may have."""
 _KIND: Final = "a gplfd skill"
 """Content of the file of a skill."""
 _VERSION: Final = 3
@@ -116,6 +118,14 @@ class Skill(LearnedMovement):
     processes: MultiOutputGP
     corrections: tuple[Correction, ...] = ()
     """Corrections in order; completed, they are the last demonstrations."""
+    frame: str = "door"
+    """Frame of the poses: that of a "door", the "first pose", or one that was "given".
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.frame not in FRAMES:
+            raise ValueError(f"frame is {self.frame!r:.40}, must be one of {FRAMES}")
 
     @property
     def count(self) -> int:
@@ -236,7 +246,7 @@ class Skill(LearnedMovement):
             ValueError: if a user's own noise model does not build on
                 `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
         """
-        arrays = self._arrays("")
+        arrays = self._arrays("") | {"frame": np.array(self.frame)}
         if isinstance(self.forces, Skill):
             arrays |= self.forces._arrays(_FORCES)
             arrays["wrenches"] = np.asarray(self.aligned.wrenches)
@@ -285,7 +295,7 @@ def load_skill(path: str | Path) -> Skill:
     """
 
     def build(members: Members) -> Skill:
-        others: dict[str, Any] = {}
+        others: dict[str, Any] = {"frame": str(members.get("frame", "door"))}
         if "wrenches" in members:
             others["forces"] = _part_of(members, _FORCES, None)
         origins = []

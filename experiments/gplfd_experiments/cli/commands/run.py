@@ -130,6 +130,9 @@ class Learn:
             self.demonstrations, out, policy=self.policy, seed=self.seed
         )
         print(f"{out}: {skill}")
+        if skill.frame != "door":
+            print("no doors are opened with it: import with --frame hinge for that")
+            return 0
         doors = demonstrated_doors(self.demonstrations)
         print(f"open doors with it:  {open_command(out, doors, self.policy)}")
         return 0

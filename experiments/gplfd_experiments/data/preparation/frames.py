@@ -120,9 +120,11 @@ def radius_of_door(poses: FloatArray) -> float | None:
         hinge = find_hinge(poses[:, :3])
     except ValueError:
         return None
-    like_a_door = _DOORS[0] <= hinge.radius <= _DOORS[1]
-    like_a_door &= np.ptp(hinge.angles) >= _LEAST_TURN
-    like_a_door &= hinge.residual <= _UNROUND * hinge.radius
+    like_a_door = (
+        _DOORS[0] <= hinge.radius <= _DOORS[1]
+        and np.ptp(hinge.angles) >= _LEAST_TURN
+        and hinge.residual <= _UNROUND * hinge.radius
+    )
     return hinge.radius if like_a_door else None
 
 
