@@ -828,7 +828,6 @@ def test_stamps_of_seconds_and_nanoseconds_are_one_time(tmp_path):
         ({"angles": "deg"}, "--angles has no effect"),
         ({"quaternions": "xyzw"}, "--quaternions has no effect"),
         ({"body": "Hand"}, "--body has no effect"),
-        ({"recorded_rate": 9.0}, "--recorded-rate has no effect"),
         ({"urdf": Path("a"), "link": "b"}, "--urdf has no effect"),
         ({"wrench": "/ft"}, "--wrench has no effect"),
     ],

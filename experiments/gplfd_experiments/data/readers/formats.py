@@ -28,51 +28,31 @@ class Reader(NamedTuple):
     """Suffixes of such files; none for folders."""
     marks: tuple[str, ...] = ()
     """A folder of this kind contains one of these."""
-    options: str = ""
-    """Those of `OPTIONS` that it has use for."""
 
-
-OPTIONS: Final = (
-    "body columns time_unit angles quaternions recorded_rate urdf link wrench"
-)
-"""Settings that only some kinds of files have use for."""
-_TABLE: Final = "body columns time_unit angles quaternions"
 
 READERS: Final = (
-    Reader(
-        "a table in a text file",
-        "csv_tables",
-        (".csv", ".tsv", ".txt", ".log"),
-        options=_TABLE,
-    ),
-    Reader("arrays of NumPy", "arrays", (".npz", ".npy"), options=_TABLE),
-    Reader("a MATLAB file", "matlab", (".mat",), options=_TABLE),
-    Reader("a recording of Xsens MVN", "mvnx", (".mvnx",), options="body"),
-    Reader("a Biovision hierarchy", "bvh", (".bvh",), options="body"),
-    Reader("a C3D file", "c3d", (".c3d",), options="body"),
-    Reader(
-        "a bag of ROS",
-        "bags",
-        (".mcap", ".db3", ".bag"),
-        ("metadata.yaml",),
-        "body urdf link wrench",
-    ),
-    Reader(
-        "demonstrations of robomimic",
-        "robomimic",
-        (".hdf5", ".h5"),
-        options="body angles recorded_rate wrench",
-    ),
-    Reader(
-        "a data set of LeRobot",
-        "lerobot",
-        marks=("meta/info.json",),
-        options="body columns angles quaternions wrench",
-    ),
+    Reader("a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")),
+    Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
+    Reader("a MATLAB file", "matlab", (".mat",)),
+    Reader("a recording of Xsens MVN", "mvnx", (".mvnx",)),
+    Reader("a Biovision hierarchy", "bvh", (".bvh",)),
+    Reader("a C3D file", "c3d", (".c3d",)),
+    Reader("a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
+    Reader("demonstrations of robomimic", "robomimic", (".hdf5", ".h5")),
+    Reader("a data set of LeRobot", "lerobot", marks=("meta/info.json",)),
     Reader("a data set of Minari", "minari_episodes", marks=("data/metadata.json",)),
     Reader("a set of demonstrations", "arrays", marks=("demonstrations.npz",)),
 )
 """Every kind of file that is read."""
+_TABLE: Final = ("body", "columns", "time_unit", "angles", "quaternions")
+_OPTIONS: Final = {
+    **dict.fromkeys(("csv_tables", "arrays", "matlab"), _TABLE),
+    **dict.fromkeys(("mvnx", "bvh", "c3d"), ("body",)),
+    "bags": ("body", "urdf", "link", "wrench"),
+    "robomimic": ("body", "angles", "wrench"),
+    "lerobot": ("body", "columns", "angles", "quaternions", "wrench"),
+}
+"""Settings that have an effect on some kinds of files only, by the reader's module."""
 
 
 def reader_of(path: Path) -> Reader:
@@ -116,13 +96,12 @@ def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
         raise ValueError(
             f"{path} cannot be read as {reader.summary}: {reason:.600}"
         ) from error
-    used, notes = reader.options.split(), []
-    if any(raw.times is None for raw in recordings):
-        used.append("recorded_rate")
-    for name in OPTIONS.split():
-        if getattr(settings, name) and name not in used:
-            option = f"--{name.replace('_', '-')}"
-            notes.append(f"{option} has no effect on {reader.summary} such as this")
-    first = recordings[0]
-    recordings[0] = replace(first, notes=(*first.notes, *notes))
+    used = _OPTIONS.get(reader.module, ())
+    notes = [
+        f"--{name.replace('_', '-')} has no effect on {reader.summary} such as this"
+        for name in sorted({name for names in _OPTIONS.values() for name in names})
+        if getattr(settings, name) and name not in used
+    ]
+    notes = [*recordings[0].notes, *notes]
+    recordings[0] = replace(recordings[0], notes=tuple(notes))
     return recordings
