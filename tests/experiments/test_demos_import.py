@@ -82,6 +82,7 @@ def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
     assert "its contents are in set/report.txt" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore:2 demonstrations leave")
 def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
     kept = load_demonstrations("set")
