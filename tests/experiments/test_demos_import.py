@@ -91,7 +91,7 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert cli.main(["learn", "set", "--out", "skill.npz", "--quiet"]) == 0
     for source in (["--skill", "skill.npz"], ["--demonstrations", "set"]):
         assert cli.main(["run", *source, "--doors", "medium", "--quiet"]) == 2
-        assert "import the recordings with  gplfd demos import FILES" in caplog.text
+        assert "import the recordings with gplfd demos import FILES" in caplog.text
         caplog.clear()
     assert_allclose([one.poses[0] for one in kept.demonstrations], 0.0, atol=1e-12)
     # Imported again as it is, it replaces a set when asked.

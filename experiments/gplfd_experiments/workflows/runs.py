@@ -193,7 +193,7 @@ def check_frame(frame: str, source: Path) -> None:
     if frame not in ("door", FRAME):
         raise ValueError(
             f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
-            "import the recordings with  gplfd demos import FILES --frame hinge"
+            "import the recordings with gplfd demos import FILES --frame hinge"
         )
 
 
