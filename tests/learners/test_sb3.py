@@ -111,9 +111,9 @@ def test_what_it_does_not_have_is_said():
     geometries = envs.get_attr("door_geometry", indices=[0, 2])
     assert [geometry.radius for geometry in geometries] == [0.35, 0.5]
     assert not envs.has_attr("spoons")
-    with pytest.raises(AttributeError, match="none has its own attributes to set"):
+    with pytest.raises(AttributeError, match="without attributes or methods of their own"):
         envs.set_attr("x", 1)
-    with pytest.raises(AttributeError, match=r"methods to call.*DummyVecEnv"):
+    with pytest.raises(AttributeError, match="DummyVecEnv"):
         envs.env_method("reset")
     with pytest.raises(ValueError, match=r'"SameStep", not.*NEXT_STEP'):
         SB3VecEnv(gym.make_vec(RL, 2))

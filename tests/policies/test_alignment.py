@@ -79,7 +79,7 @@ def test_eq16_weights_rotation_as_eq17():
 
 @settings(max_examples=40)
 @given(
-    n=st.integers(2, 400),
+    n=st.integers(3, 400),
     noise=st.sampled_from([0.0, 1e-5, 1e-3, 1e-1]),
     seed=st.integers(0, 99),
 )
