@@ -61,7 +61,7 @@ def edit(folder: Path, change: Callable[[Any], None]) -> None:
 
 
 def test_inspect_prints_a_line_per_episode(gplfd, recorded, capsys):
-    assert gplfd("demos", "inspect", str(recorded)) == 0
+    assert gplfd("demos", "inspect", str(recorded), "--all") == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
     assert "It holds 2 doors, and recover_environment() makes one" in lines[1]

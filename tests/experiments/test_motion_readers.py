@@ -652,10 +652,10 @@ def test_bvh_follows_the_chain_of_joints(tmp_path):
 def test_orientations_of_a_set_that_are_not_used_are_named(tmp_path):
     write_lerobot(tmp_path / "set")
     info = tmp_path / "set" / "meta/info.json"
-    names = '["x", "y", "z", "tilt roll", "pad", "eef_rot_1", "eef_rot_2"]'
+    names = '["x", "y", "z", "tilt rot", "pad", "eef_rot_1", "eef_rot_2"]'
     was = '["x", "y", "z", "qx", "qy", "qz", "qw"]'
     info.write_text(info.read_text().replace(was, names))
-    note = "eef_rot_1, eef_rot_2, tilt roll are not used: it has no orientation"
+    note = "eef_rot_1, eef_rot_2, tilt rot are not used: it has no orientation"
     assert all(note in one.notes for one in read_here(tmp_path / "set", ANY))
 
 

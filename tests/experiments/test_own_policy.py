@@ -134,7 +134,7 @@ def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     assert sources == {"oracle": None, name: source}
     config = json.loads(Path("study/study.json").read_text())["config"]
     assert config["policy_sources"] == {name: source}
-    page = report(read_results(Path("study")), "oracle")
+    page = report(read_results(Path("study")), name)
     text = f"`{name}` | `kind module, file {module}.py, sha256"
     assert text in markdown_page(page)
 

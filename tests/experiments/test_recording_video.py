@@ -54,7 +54,7 @@ def test_a_video_per_door_shows_the_whole_episode(gplfd, tmp_path, capsys):
         assert len(seen) == math.ceil(RATE * episode["duration"] - 1e-9) + 1 + RATE
         moved = np.abs(seen - seen[0]).mean(axis=(1, 2, 3))
         assert moved[1] < 0.5 < 2.0 < moved[-1]
-    assert "wrote new/op-small.mp4" in capsys.readouterr().err
+    assert f"wrote {folder / 'op-small.mp4'}" in capsys.readouterr().err
 
 
 def test_without_encoder_or_opengl_nothing_is_written(refused, monkeypatch):
