@@ -69,9 +69,6 @@ def test_the_true_arc_opens_randomized_doors(name, n, make_vec, opening_poses):
     assert success.mean() >= 0.95
 
 
-# --- Spaces --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("id", "settings", "sensor", "reading"),
     [
@@ -87,9 +84,6 @@ def test_observations_are_within_their_space(make_env, id, settings, sensor, rea
         sensed = env._sensed.copy()
         sensed[getattr(env._episode.reader, sensor)] = reading
         assert env.observation_space.contains(env._episode.observation(sensed))
-
-
-# --- Noise ---------------------------------------------------------------------------
 
 
 def test_noise_has_the_stated_spread_and_is_white(make_env, draw_actions):
@@ -116,9 +110,6 @@ def test_noise_has_the_stated_spread_and_is_white(make_env, draw_actions):
     assert np.abs(correlation).max() < 4 / np.sqrt(n)
     for lag in (1, 2, 128):
         assert np.abs((unit[lag:] * unit[:-lag]).mean(axis=0)).max() < 4.5 / np.sqrt(n)
-
-
-# --- Delay ---------------------------------------------------------------------------
 
 
 def delayed_by(delay: int, start_env: Callable, **arguments: Any) -> Any:

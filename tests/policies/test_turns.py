@@ -70,6 +70,15 @@ def test_accumulated_rotations_are_smooth_and_err_by_less_than_the_tilt(degrees)
         assert_allclose(rotvecs[early], exact[early], rtol=0.0, atol=1e-12)
 
 
+def test_the_axis_is_that_of_the_whole_turn_and_not_of_its_fastest_step():
+    turns = np.radians(np.linspace(0.0, 400.0, 401))
+    nods = np.eye(401, 3, -200) * np.radians(8.0)
+    path = Rotation.from_rotvec(turns[:, None] * [0.0, 0.0, 1.0])
+    axis, accumulated = main_turn((path * Rotation.from_rotvec(nods)).as_rotvec())
+    assert axis[2] > 0.999
+    assert accumulated[-1] == pytest.approx(turns[-1], abs=0.02)
+
+
 def test_motions_below_300_degrees_are_unchanged():
     motion = demonstrations(290)[0]
     rotvecs = motion.poses[:, 3:]
