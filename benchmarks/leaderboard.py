@@ -76,19 +76,20 @@ def standings(answers: Answers, names: Sequence[str]) -> dict[str, Numbers]:
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
     """
-    levels = levels_of(names)
     complete = [
-        {policy for policy, own in present.items() if not own["lost"]}
-        for name, level in levels
-        for present in [answers.get(name, {}).get(level, {})]
+        {
+            policy
+            for policy, numbers in answers.get(name, {}).get(level, {}).items()
+            if not numbers["lost"]
+        }
+        for name, level in levels_of(names)
     ]
 
     def mean(policy: str, name: str, measure: str) -> float | None:
         """Return the mean of a measure over the levels of a trial that have it."""
         values = [
             answers[name][level][policy][measure]["estimate"]
-            for trial, level in levels
-            if trial == name
+            for _, level in levels_of([name])
         ]
         measured = [value for value in values if value is not None]
         return fmean(measured) if measured else None
@@ -119,41 +120,43 @@ def titled(policy: str) -> str:
 def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
     places = standings(answers, names)
-    cells = {policy: [f"{succeeded(own):.2f}"] for policy, own in places.items()}
+    learned = [policy for policy in places if policy not in _UNTAUGHT]
+    rows = {p: [titled(p), f"{succeeded(places[p]):.2f}"] for p in places}
     for name in names:
         measure = EPISODE_MEASURES[deciding_measure(TRIALS[name])]
-        values = {policy: own[name][1] for policy, own in places.items()}
-        best = (min if measure.better == "less" else max)(
-            value
-            for policy, value in values.items()
-            if value is not None and policy not in _UNTAUGHT
-        )
-        for policy, value in values.items():
-            finer = -1 if measure.unit == "°" else 0
+        values = [value for p in learned if (value := places[p][name][1]) is not None]
+        best = max(values, key=lambda value: measure.sign * value)
+        finer = -1 if measure.unit == "°" else 0
+        for policy, numbers in places.items():
+            share, value = numbers[name]
             text = measure.text(value, unit=True, finer=finer)
-            if value == best and policy not in _UNTAUGHT:
+            if value == best and policy in learned:
                 text = f"**{text}**"
-            cells[policy].append(f"{places[policy][name][0]:.2f}\n{text}")
-    rows = tuple((titled(policy), *cells[policy]) for policy in places)
-    return Table(columns=("policy", "all", *names), rows=rows)
+            rows[policy].append(f"{share:.2f}\n{text}")
+    columns = ("policy", "all", *names)
+    return Table(columns=columns, rows=tuple(map(tuple, rows.values())))
 
 
 def overview(answers: Answers) -> Table:
     """Return the share of successes of every policy in several tiers, by tier."""
-    tiers = [standings(answers, names) for names in TIERS.values()]
-    shares = {
-        policy: [succeeded(tier[policy]) if policy in tier else None for tier in tiers]
-        for policy in sorted({policy for tier in tiers for policy in tier})
-    }
+    shares: dict[str, dict[str, float]] = {}
+    for tier, names in TIERS.items():
+        for policy, numbers in standings(answers, names).items():
+            shares.setdefault(policy, {})[tier] = succeeded(numbers)
 
-    def order(policy: str) -> tuple[int, float]:
-        present = [value for value in shares[policy] if value is not None]
-        return -len(present), -fmean(present)
+    def order(policy: str) -> tuple[int, float, str]:
+        return -len(shares[policy]), -fmean(shares[policy].values()), policy
 
     rows = tuple(
-        (titled(policy), *("–" if v is None else f"{v:.2f}" for v in shares[policy]))
+        (
+            titled(policy),
+            *(
+                f"{shares[policy][t]:.2f}" if t in shares[policy] else "–"
+                for t in TIERS
+            ),
+        )
         for policy in sorted(shares, key=order)
-        if len(tiers) - shares[policy].count(None) >= 2
+        if len(shares[policy]) >= 2
     )
     return Table(columns=("policy", *TIERS), rows=rows)
 

@@ -1,59 +1,81 @@
-"""Pictures and films for the documents; what they show is in pictures.toml.
+"""Images and videos for the documents; what they show is in pictures.toml.
 
-MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors}
+MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors,recordings}
 
-``gallery`` opens doors with the oracle, which knows the door, and draws them during the
-opening, side by side. The animation shows `gp`, which learned from three other doors of
-that kind.
+``gallery`` draws doors that the oracle, which knows the door, opens, side by side. The
+animations show `gp`, which learned from three other doors of that kind.
 
-``films`` shows `gp` in every trial: an episode of the protocol's first seed, from its
-log, at twice the speed. Blue lines are the demonstrations, the red line is the path of
-the hand, and a ball at the hand marks an external force.
+``films`` shows `gp` in every trial: an episode of the protocol's first seed, at twice
+the speed. Blue lines are the demonstrations, the red line is the path of the hand, and
+a ball at the hand marks an external force.
 
 ``doors`` films two policies at every door of ``gplfd list``, and writes the table of
 these episodes into the gallery page.
 
-Without a screen MUJOCO_GL must be set before Python starts.
+``recordings`` draws a recording and a comparison in Rerun's viewer, which needs Vulkan.
+
+All are drawn from logs of episodes. Without a screen MUJOCO_GL must be set before
+Python starts.
 """
 
 import contextlib
+import io
 import itertools
+import subprocess
+import tempfile
+import time
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import tyro
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from rerun.experimental import ViewerClient
 
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.doors.config import DOORS
+from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.envs.camera import Camera
-from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.recording.comparison import record_comparison
+from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.video import VideoFormat, write_video
+from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_policies import Demonstration, make_agent
-from gplfd_policies.agents.agent import Agent, as_agent
-from gplfd_policies.agents.model_based.oracle import OracleAgent
+from gplfd_policies import Demonstration
 from gplfd_policies.arrays.storage import complete_or_absent
 
-Picture = NDArray[np.uint8]
+Pixels = NDArray[np.uint8]
 Points = NDArray[np.float64]
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _PAUSE: Final = 1000
 """Duration of the last frame of an animation [ms]."""
+
+
+def model_of(task: EpisodeTask) -> mujoco.MjModel:
+    """Return the model of the scene of a task's episode."""
+    with contextlib.closing(make_environment(task, "pose")) as env:
+        env.reset(seed=task.reset_seed)
+        return env.unwrapped.model  # type: ignore[attr-defined]
+
+
+def states(
+    log: EpisodeLog, model: mujoco.MjModel, rows: Iterable[int]
+) -> Iterator[tuple[int, mujoco.MjData]]:
+    """Yield rows of a log and the state of the scene at each, in one object."""
+    data = mujoco.MjData(model)
+    for row in rows:
+        data.qpos[:] = log.motion.qpos[row]
+        mujoco.mj_forward(model, data)
+        yield row, data
 
 
 def write_gif(
@@ -79,82 +101,49 @@ def write_gif(
 
 _COLUMNS, _FRAME, _SHADES = 3, 12, 256
 """Columns of the gallery; control periods per frame and colours of an animation."""
+_BAR: Final = 20
+"""Height of a line of text [px]."""
+_INK, _PAPER = (30, 32, 38), (244, 244, 240)
 _MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 """The doors of the animations."""
 
 
-def opening(
-    env: gym.Env[Any, Any], agent: Agent, width: int
-) -> Iterator[tuple[dict[str, Any], Camera]]:
-    """Let an agent open a door; yield the state after every period, and a camera.
+def overviews(
+    task: EpisodeTask, log: EpisodeLog, rows: Iterable[int], width: int
+) -> list[Image.Image]:
+    """Return 4:3 images of an opening from behind the robot, at some rows of its log.
 
-    The camera "overview" draws twice as many pixels in each direction, see `drawn`.
     Raises RuntimeError if the door was not opened.
     """
-    inner: Any = env.unwrapped
-    observation, info = env.reset(seed=0)
-    agent.inform(inner.door_geometry)
-    agent.reset(observation)
-    size = 2 * width, 3 * width // 2
-    with contextlib.closing(
-        Camera(inner.model, *size, "overview", effects=True)
-    ) as camera:
-        ended = False
-        while not ended:
-            yield info, camera
-            step = agent.act(observation)
-            observation, _, terminated, truncated, info = env.step(step.action)
-            ended = terminated or truncated
-        yield info, camera
-    if not info["success"]:
-        raise RuntimeError(f"{inner.door}: {info['failure'] or 'not opened'}")
+    if not log.success:
+        raise RuntimeError(f"{task.door}: {log.failure or 'not opened'}")
+    model, size = model_of(task), (2 * width, 3 * width // 2)
+    camera = Camera(model, *size, "overview", effects=True)
+    with contextlib.closing(camera):
+        return [
+            Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
+            for _, data in states(log, model, rows)
+        ]
 
 
-def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
-    """Return the picture of a camera of `opening` for pictures (3/4 width, width)."""
-    data = env.unwrapped.data  # type: ignore[attr-defined]
-    return np.asarray(Image.fromarray(camera.picture("rgb_array", data)).reduce(2))
+def pictured(scene: Mapping[str, Any], width: int) -> Image.Image:
+    """Open a door and return an image of it at the scene's angle."""
+    door, base = door_config(scene["door"]), {"base": scene["base"]}
+    task = episode_task(scene["title"], door, policy="oracle", seed=0, **base)
+    log = episode_log(task)
+    reached = np.degrees(log.opening.door_angle) >= scene["angle"]
+    (image,) = overviews(task, log, [int(reached.argmax())], width)
+    return image
 
 
-def pictured(scene: Mapping[str, Any], width: int) -> Picture:
-    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle."""
-    env = gym.make(ENVIRONMENT_IDS["pose"], door=scene["door"], base=scene["base"])
-    with contextlib.closing(opening(env, as_agent(OracleAgent()), width)) as states:
-        for info, camera in states:
-            if np.degrees(info["door_angle"]) >= scene["angle"]:
-                return drawn(env, camera)
-    raise RuntimeError(f"{scene['title']}: not opened so far")
-
-
-def film_opening(path: Path, door: str, width: int) -> None:
-    """Let `gp` open a door that was not demonstrated, and write a GIF of it."""
-    shown = Teacher().standard_demonstrations(seed=0, like=DOORS[door])
-    env = gym.make(ENVIRONMENT_IDS["pose"], door=door, base="mobile")
-    states = enumerate(opening(env, make_agent("gp", shown), width))
-    frames = [
-        Image.fromarray(drawn(env, camera))
-        for number, (info, camera) in states
-        if number % _FRAME == 0 or info["success"]
-    ]
-    inner: Any = env.unwrapped
-    write_gif(path, frames, _FRAME * inner.dt, _SHADES)
-
-
-def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
-    """Return a figure of pictures of equal size, unscaled, with their titles."""
-    height, width, _ = next(iter(pictures.values())).shape
-    title, rows = 26, -(-len(pictures) // columns)
-    whole = rows * (height + title)
-    figure = Figure(figsize=(columns * width / 100.0, whole / 100.0), dpi=100)
-    for number, (name, picture) in enumerate(pictures.items()):
-        row, column = divmod(number, columns)
-        bottom = 1.0 - (row * (height + title) + height) / whole
-        panel = figure.add_axes((column / columns, bottom, 1 / columns, height / whole))
-        panel.imshow(picture, interpolation="none")
-        panel.axis("off")
-        place = (column + 0.5) / columns, bottom - 0.5 * title / whole
-        figure.text(*place, name, ha="center", va="center", fontsize=10)
-    return figure
+def lettered(image: Image.Image, above: str, below: str = "") -> Image.Image:
+    """Return an image with a line of text above and one below."""
+    page = Image.new("RGB", (image.width, image.height + 2 * _BAR), _PAPER)
+    page.paste(image, (0, _BAR))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
+    draw.text((6, 2), above, _INK, font)
+    draw.text((6, image.height + _BAR + 2), below, _INK, font)
+    return page
 
 
 def gallery(out: Path = Path("docs/images/gallery.png"), width: int = 400) -> None:
@@ -162,14 +151,23 @@ def gallery(out: Path = Path("docs/images/gallery.png"), width: int = 400) -> No
 
     Args:
         out: File of the gallery.
-        width: Width of a picture [px].
+        width: Width of an image [px].
     """
-    pictures = {scene["title"]: pictured(scene, width) for scene in _SHOWN["gallery"]}
-    figure = side_by_side(pictures, _COLUMNS)
+    scenes = _SHOWN["gallery"]
+    images = [lettered(pictured(scene, width), scene["title"]) for scene in scenes]
+    rows, height = -(-len(images) // _COLUMNS), images[0].height
+    page = Image.new("RGB", (_COLUMNS * width, rows * height), _PAPER)
+    for number, image in enumerate(images):
+        row, column = divmod(number, _COLUMNS)
+        page.paste(image, (column * width, row * height))
     with complete_or_absent(out) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": None})
+        page.save(temporary, format="PNG")
     for name, door in _MOVING.items():
-        film_opening(out.parent / name, door, width)
+        task = episode_task(door, DOORS[door], policy="gp", seed=0, base="mobile")
+        log = episode_log(task)
+        last = log.times.size - 1
+        frames = overviews(task, log, [*range(0, last, _FRAME), last], width)
+        write_gif(out.parent / name, frames, _FRAME * log.dt, _SHADES)
 
 
 # --- Films of the trials -----------------------------------------------------
@@ -185,9 +183,6 @@ _NAMES: Final = {
 _EVERY, _PERIOD, _LONGEST = 0.2, 0.1, 9.4
 """Simulated and displayed time of a frame, and the longest simulated time [s]."""
 _COLOURS: Final = 128
-_BAR: Final = 20
-"""Height of a line of text [px]."""
-_INK, _PAPER = (30, 32, 38), (244, 244, 240)
 _BLUE, _RED = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
 _OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
 _ABOVE: Final = np.array([0.0, 0.0, 1.6])
@@ -208,29 +203,37 @@ def task_of(name: str) -> EpisodeTask:
     return task
 
 
-def model_of(task: EpisodeTask) -> mujoco.MjModel:
-    """Return the model of the scene of a task's episode."""
-    with contextlib.closing(make_environment(task, "pose")) as env:
-        env.reset(seed=task.reset_seed)
-        return env.unwrapped.model  # type: ignore[attr-defined]
-
-
-def film_frames(
+def film_images(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
     size: tuple[int, int],
-) -> Iterator[tuple[int, Picture]]:
-    """Yield rows of a log and pictures (H, W, 3) of the scene at these rows."""
-    data = mujoco.MjData(model)
+) -> Iterator[tuple[int, Pixels]]:
+    """Yield rows of a log and images (H, W, 3) of the scene at these rows."""
     model.vis.global_.fovy = 1.0
     last = min(log.times.size - 1, round(_LONGEST / log.dt))
     rows = [*range(0, last, round(_EVERY / log.dt)), last]
     width, height = size
     with mujoco.Renderer(model, height, width) as renderer:
-        for row in rows:
-            data.qpos[:] = log.motion.qpos[row]
-            mujoco.mj_forward(model, data)
+        scene, kinds = renderer.scene, mujoco.mjtGeom
+
+        def added(kind: mujoco.mjtGeom, colour: tuple[float, ...]) -> mujoco.MjvGeom:
+            """Add a self-luminous shape to the scene."""
+            geom = scene.geoms[scene.ngeom]
+            place, turn = np.zeros(3), np.eye(3).ravel()
+            rgba = np.array(colour, dtype=np.float32)
+            mujoco.mjv_initGeom(geom, kind, np.ones(3), place, turn, rgba)
+            geom.emission = 0.3
+            scene.ngeom += 1
+            return geom
+
+        def line(points: Points, colour: tuple[float, ...], width: float) -> None:
+            """Draw a line of a width [m] through points in world coordinates [m]."""
+            kind = kinds.mjGEOM_CAPSULE
+            for ends in itertools.pairwise(points):
+                mujoco.mjv_connector(added(kind, colour), kind, 0.5 * width, *ends)
+
+        for row, data in states(log, model, rows):
             site = data.site("task_frame")
             axes, origin = site.xmat.reshape(3, 3), site.xpos
             # A top view without perspective, the robot below the door.
@@ -240,44 +243,20 @@ def film_frames(
             camera.elevation, camera.distance = -89.9, 3.0
             camera.lookat[:] = origin + axes @ np.array([0.36, 0.0, -0.22])
             renderer.update_scene(data, camera)
-            scene = renderer.scene
             # Shadows on vertical walls would be speckled.
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             # Paths and forces, above everything in the scene.
             above = origin + _ABOVE
-            for shown in demonstrations:
-                _line(scene, above + shown.poses[::10, :3] @ axes.T, _BLUE, 0.007)
+            for demonstration in demonstrations:
+                line(above + demonstration.poses[::10, :3] @ axes.T, _BLUE, 0.007)
             path = log.motion.ee_pose[: row + 1, :3] @ axes.T
-            _line(scene, above + path[::5], _RED, 0.016)
+            line(above + path[::5], _RED, 0.016)
             names = ("push_force", "person_force", "stop_force")
             force = max(getattr(log.forces, name)[row] for name in names)
             if force > 0.0:
-                ball = _next_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, _OUTSIDE)
+                ball = added(kinds.mjGEOM_SPHERE, _OUTSIDE)
                 ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + path[-1]
             yield row, renderer.render()
-
-
-def _line(
-    scene: mujoco.MjvScene, points: Points, colour: tuple[float, ...], width: float
-) -> None:
-    """Draw a line of a width [m] through points in world coordinates [m]."""
-    kind = mujoco.mjtGeom.mjGEOM_CAPSULE
-    for start, end in itertools.pairwise(points):
-        geom = _next_geom(scene, kind, colour)
-        mujoco.mjv_connector(geom, kind, 0.5 * width, start, end)
-
-
-def _next_geom(
-    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
-) -> mujoco.MjvGeom:
-    """Add a self-luminous shape to a scene."""
-    geom = scene.geoms[scene.ngeom]
-    place, turn = np.zeros(3), np.eye(3).ravel()
-    rgba = np.array(colour, dtype=np.float32)
-    mujoco.mjv_initGeom(geom, kind, np.ones(3), place, turn, rgba)
-    geom.emission = 0.3
-    scene.ngeom += 1
-    return geom
 
 
 def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
@@ -286,19 +265,14 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     log, demonstrations = episode_log(task), demonstrations_of(task).demonstrations
     curve = np.abs(getattr(log.forces, film["curve"]))
     angle, force = np.degrees(log.opening.door_angle), _NAMES[film["curve"]]
-    width, height = size
     pages = []
-    for row, picture in film_frames(log, model_of(task), demonstrations, size):
-        page = Image.new("RGB", (width, height + 2 * _BAR), _PAPER)
-        page.paste(Image.fromarray(picture), (0, _BAR))
-        draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
-        draw.text((6, 2), f"{name}: {film['text']}", _INK, font)
+    for row, pixels in film_images(log, model_of(task), demonstrations, size):
         below = (
             f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {force}, so far at most "
             f"{curve[: row + 1].max():.0f} N"
         )
-        draw.text((6, height + _BAR + 2), below, _INK, font)
-        pages.append(page)
+        image = Image.fromarray(pixels)
+        pages.append(lettered(image, f"{name}: {film['text']}", below))
     write_gif(path, pages, _PERIOD, _COLOURS)
 
 
@@ -312,7 +286,7 @@ def films(
     Args:
         out: Folder of the films, one <trial>.gif each.
         trials: Trials to film.
-        size: Width and height of the scene in a picture [px].
+        size: Width and height of the scene in an image [px].
     """
     out.mkdir(parents=True, exist_ok=True)
     for name in trials:
@@ -362,7 +336,53 @@ def doors(page: Path = Path("docs/gallery.md")) -> None:
     page.write_text(f"{before}{_MARKS[0]}{table}{end}{after}")
 
 
+# --- Recordings --------------------------------------------------------------
+
+
+def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
+    """Draw a recording at a time [s] in Rerun's viewer, which opens no window."""
+    port = "9871"
+    options = ["--headless", "--bind", "127.0.0.1", "--port", port, "--window-size"]
+    command = [viewer(), *options, size, "--hide-welcome-screen", str(recording)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            time.sleep(10.0)  # It starts and loads; its messages fade out.
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.set_time("sim_time", duration=at, play_state="paused")
+            client.take_screenshot()  # still of the time before
+            image = Image.open(io.BytesIO(client.take_screenshot()))
+        finally:
+            process.terminate()
+    with complete_or_absent(out) as temporary:
+        image.convert("RGB").quantize(256).save(temporary, format="PNG")
+
+
+def recordings(folder: Path = Path("docs/images")) -> None:
+    """Draw recording.png, of one policy, and comparison.png, of six.
+
+    Args:
+        folder: Folder of the images.
+    """
+    medium = [episode_task("medium", DOORS["medium"], policy="gp", seed=0)]
+    large = [
+        episode_task("large", DOORS["large"], policy=policy, seed=0)
+        for policy in ("gp", "kmp", "gmm-gp", "gmr", "local-gp", "dmp")
+    ]
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary, "recording.rrd")
+        for name, tasks, size, at in (
+            ("recording", medium, "1400x864", 3.3),
+            ("comparison", large, "1500x900", 4.0),
+        ):
+            logs, model = [*map(episode_log, tasks)], model_of(tasks[0])
+            demonstrations = demonstrations_of(tasks[0]).demonstrations
+            if len(logs) == 1:
+                record_episode(path, logs[0], model, demonstrations)
+            else:
+                record_comparison(path, logs, model, demonstrations)
+            screenshot(path, size, at, folder / f"{name}.png")
+
+
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict(
-        {"gallery": gallery, "films": films, "doors": doors}
-    )
+    commands = (gallery, films, doors, recordings)
+    tyro.extras.subcommand_cli_from_dict({made.__name__: made for made in commands})

@@ -4,6 +4,7 @@ Every robot stands at its own door, in a row, and all move on the same clock. Ea
 policy has a colour for its robot's label, the path of its hand and its curves.
 """
 
+import copy
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -78,6 +79,10 @@ def record_comparison(
                 "shows one door"
             )
         check_model(log, model)
+    model = copy.copy(model)
+    for geom in range(model.ngeom):
+        if model.geom(geom).name.startswith("wall_"):  # would hide the next robot
+            model.geom_rgba[geom, 3] = 0.0
     name = f"{logs[0].door} door, {len(logs)} policies"
     chunks = _chunks(logs, model, demonstrations)
     write_recording(path, name, _layout(logs, model), chunks)
