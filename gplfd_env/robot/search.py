@@ -45,8 +45,14 @@ _MARGIN: Final = 0.06
 _CLOSE: Final = 1e-3
 """Greatest error of a pose that counts as reached [m, rad]."""
 
-_UPRIGHT: Final = math.radians(2.0)
-"""How far the task frame's y may be from upright in the base frame [rad]."""
+UPRIGHT: Final = 2.0
+"""How far the task frame's y may be from upright in the base frame [°]."""
+
+
+def tilt_of(rotvec: Array) -> float:
+    """Return the angle between up and y of a frame [°]."""
+    up = Rotation.from_rotvec(rotvec).as_matrix()[2, 1]
+    return float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))))
 
 
 class _Chain(NamedTuple):
@@ -298,10 +304,10 @@ def at_frame(
             reach.
     """
     place, axes = np.array(task[:3]), Rotation.from_rotvec(task[3:]).as_matrix()
-    if not (np.isfinite(place).all() and axes[2, 1] > math.cos(_UPRIGHT)):
+    if not (np.isfinite(place).all() and tilt_of(task[3:]) <= UPRIGHT):
         raise ValueError(
             "the task frame must be finite, and its y upright in the base frame to "
-            f"{math.degrees(_UPRIGHT):.0f}°; it points to {axes[:, 1].tolist()}"
+            f"{UPRIGHT:.0f}°; it points to {axes[:, 1].tolist()}"
         )
     robot = robot.on("fixed")
     group, chain = StanceGroup.of(door, "fixed"), _Chain.of(robot)

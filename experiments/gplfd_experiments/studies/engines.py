@@ -2,13 +2,21 @@
 
 import contextlib
 import importlib.util
+import itertools
 import logging
 import os
 import re
 import signal
+import sys
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    wait,
+)
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -63,7 +71,7 @@ class Engine:
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
         """Yield each item with its result, in the order in which they finish.
 
-        The death of a worker ends all that runs beside it. These items are run again,
+        The death of a worker may end what runs beside it. These items are run again,
         one at a time, so that only the item whose worker dies again is lost. Closing
         the generator ends running items. An OSError says that the scheduler of the
         cluster does not answer.
@@ -76,78 +84,57 @@ class Engine:
             for item in items:
                 yield item, work(item)
             return
-        import joblib
-
         # No worker imports a file such as `re.py` from the working folder.
         os.environ["PYTHONSAFEPATH"] = "1"
-        unfinished = set(range(len(items)))
-        started, warned = set[int](), set[str]()
-
-        def calls(numbers: Iterable[int]) -> Iterator[Any]:
-            for number in numbers:
-                started.add(number)
-                yield joblib.delayed(_with_warnings)(work, number, items[number])
-
-        with self._parallel() as parallel:
-
-            def attempt(numbers: Iterable[int]) -> Iterator[tuple[ItemT, ResultT]]:
-                started.clear()
-                results = parallel(calls(numbers))
-                try:
-                    for number, result, texts in results:
-                        # Dask may repeat an item whose worker dies after its end.
-                        if number not in unfinished:
+        lost: list[tuple[ItemT, Lost]] = []
+        warned = set[str]()
+        with self._workers() as (submit, number):
+            for at_once in (number, 1):
+                waiting = iter([item for item, _ in lost] if lost else items)
+                running: dict[Future[Any], ItemT] = {}
+                lost = []
+                while True:
+                    for item in itertools.islice(waiting, at_once - len(running)):
+                        running[submit(_with_warnings, work, item)] = item
+                    if not running:
+                        break
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        item = running.pop(future)
+                        try:
+                            result, texts = future.result()
+                        except (OSError, CancelledError):
+                            raise
+                        # The work never raises: a worker died or cannot import it.
+                        except Exception as error:
+                            lost.append((item, Lost(reason=_reason(error))))
                             continue
-                        unfinished.remove(number)
                         for text in texts:
                             # Those of other seeds differ in numbers only.
                             kind = re.sub(r"\d[\d.e-]*", "", text)
                             if kind not in warned:
                                 warned.add(kind)
                                 warnings.warn(text, stacklevel=1)
-                        yield items[number], result
-                finally:
-                    with warnings.catch_warnings(action="ignore"):
-                        results.close()  # warns of items that it ends
-
-            while unfinished:
-                try:
-                    yield from attempt(sorted(unfinished))
-                except OSError:
-                    raise
-                # The work never raises, so a worker died or could not import it.
-                except Exception:
-                    suspects = sorted(started & unfinished)
-                    if not suspects:
-                        raise
-                    for number in suspects:
-                        try:
-                            yield from attempt([number])
-                        except OSError:
-                            raise
-                        except Exception as error:
-                            unfinished.remove(number)
-                            yield items[number], Lost(reason=_reason(error))
+                        yield item, result
+                if not lost:
+                    return
+        yield from lost
 
     @contextlib.contextmanager
-    def _parallel(self) -> Iterator[Any]:
-        """Yield `joblib.Parallel`, which returns results in the order of their ends."""
-        import joblib
-
-        options = {"return_as": "generator_unordered", "batch_size": 1}
+    def _workers(self) -> Iterator[tuple[Callable[..., Future[Any]], int]]:
+        """Yield a function that submits a call, and the number of calls at once."""
         if self.engine == "loky":
-            workers = self.workers or joblib.cpu_count()
-            # joblib runs the items of a single worker in this process, which they
-            # could end. Therefore it has two, but at most `workers` items run.
-            with joblib.parallel_config(
-                "loky", n_jobs=max(2, workers), inner_max_num_threads=1
-            ):
-                yield joblib.Parallel(
-                    **options,
-                    pre_dispatch=workers,
-                    max_nbytes=None,
-                    initializer=_begin_worker,
-                )
+            import joblib
+            from joblib.externals.loky import get_reusable_executor
+
+            number = self.workers or joblib.cpu_count()
+
+            def executor() -> Any:  # A new one after the death of a worker.
+                return get_reusable_executor(number, initializer=_begin_worker)
+
+            try:
+                yield lambda *call: executor().submit(*call), number
+            finally:
+                executor().shutdown(kill_workers=True)
             return
         import distributed
 
@@ -156,42 +143,18 @@ class Engine:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         client_type: Any = distributed.Client  # Its annotations are incomplete.
         try:
-            with (
-                client_type(self.address, timeout=10.0, set_as_default=False) as client,
-                joblib.parallel_config(_cluster_backend(client)),
-            ):
-                yield joblib.Parallel(**options, pre_dispatch="n_jobs")
+            with client_type(
+                self.address, timeout=10.0, set_as_default=False
+            ) as client:
+                client.wait_for_workers(1, timeout=60.0)
+                # Dask itself hands them out to its workers.
+                yield client.get_executor(pure=False).submit, sys.maxsize
         except (OSError, CancelledError) as error:
             raise ConnectionError(
-                f"no Dask scheduler answers at {self.address} ({error}): start one by "
-                "`dask scheduler`, which prints its address, and run the same command "
-                "again; finished tasks are kept"
+                f"no Dask scheduler with workers answers at {self.address} ({error}): "
+                "start `dask scheduler`, which prints its address, and `dask worker`, "
+                "and run the same command again; finished tasks are kept"
             ) from error
-
-
-def _cluster_backend(client: Any) -> Any:
-    """Return joblib's backend for a Dask client."""
-    from joblib._dask import DaskDistributedBackend
-
-    class ClusterBackend(DaskDistributedBackend):  # type: ignore[misc]
-        """joblib's own waits forever for an item whose worker died."""
-
-        def effective_n_jobs(self, n_jobs: int) -> Any:
-            """Return at least 2; joblib would run a single job in this process."""
-            return max(2, super().effective_n_jobs(n_jobs))
-
-        def submit(self, func: Any, callback: Any = None) -> Any:
-            """Start an item; call back when it ends, also if its worker died."""
-            future = super().submit(func, lambda _: None)
-            future.add_done_callback(callback)
-            return future
-
-        def retrieve_result_callback(self, out: Any) -> Any:
-            """Return the result of a future, or raise its error."""
-            return super().retrieve_result_callback(out.result())
-
-    # A worker that died may take long to come back on a busy machine.
-    return ClusterBackend(client=client, wait_for_workers_timeout=60)
 
 
 def _begin_worker() -> None:
@@ -201,12 +164,12 @@ def _begin_worker() -> None:
 
 
 def _with_warnings(
-    work: Callable[[ItemT], ResultT], number: int, item: ItemT
-) -> tuple[int, ResultT, list[str]]:
-    """Return number, result, and texts of warnings, which a worker cannot show."""
+    work: Callable[[ItemT], ResultT], item: ItemT
+) -> tuple[ResultT, list[str]]:
+    """Return the result, and texts of warnings, which a worker cannot show."""
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
-    return number, result, [str(warning.message) for warning in caught]
+    return result, [str(warning.message) for warning in caught]
 
 
 def _reason(error: Exception) -> str:

@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -55,7 +56,8 @@ def run_job(
     if job[0].policy_source is None:
         return _run(job, files, recordings)
     try:
-        results: list[Result] = call_apart(_run, job, dict(files), recordings)
+        policy = job[0].policy, repr(job[0].policy_source), os.getcwd()
+        results: list[Result] = call_apart(policy, _run, job, dict(files), recordings)
         return results
     except ProcessEndedError as error:
         if len(job) == 1:

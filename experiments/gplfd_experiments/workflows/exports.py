@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from gplfd_env.robot.search import UPRIGHT, tilt_of
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder
@@ -19,19 +19,11 @@ from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
 from gplfd_policies.registry.catalogue import method_and_skill
 from gplfd_policies.serving.settings import OperatorLimits
 
-UPRIGHT: Final = 2.0
-"""How far y of a task frame may be from upright in the frame of the base [°]."""
 _AXES: Final = {
     "task": "origin at the closed handle, x pulls, y up, z = x cross y; orientations "
     "are relative to that of the hand at the closed door",
     "base": "of the robot; orientations are those of its tool frame",
 }
-
-
-def tilt_of(frame: Sequence[float]) -> float:
-    """Return the angle [°] between up and y of a frame, position and quaternion."""
-    up = Rotation.from_quat(frame[3:], scalar_first=True).as_matrix()[2, 1]
-    return float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))))
 
 
 class LimitsExceededError(Exception):
@@ -110,8 +102,7 @@ def export_skill(
         except ValueError as error:
             raise ValueError(f"--frame and --tool: {error}") from error
         path = path.seen_from(np.array([*frame[:3], *turns[0]]), turns[1])
-        name = "base"
-        tilt[0] = tilt_of(frame)
+        name, tilt = "base", np.array([tilt_of(turns[0])])
     moved = np.linalg.norm(np.diff(path.poses[:, :3], axis=0), axis=1)
     turned = rotation_distance(path.poses[1:, 3:], path.poses[:-1, 3:])
     soft, stiff = limits.least_stiffness, limits.greatest_stiffness

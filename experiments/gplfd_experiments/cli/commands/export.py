@@ -1,6 +1,7 @@
 """The command export: writes a skill in file formats for robots."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -51,9 +52,8 @@ class Export(OperatorLimits):
 
     robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
     """Also simulate the motion with this robot, placed by --frame; print the expected
-    force, speed, stiffness and joint margins, and draw the path in the robot's
-    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a
-    .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+    force, speed, stiffness and joint margins: tiago-like, panda-like, ur5e-like, a
+    .urdf, or a .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
@@ -64,12 +64,10 @@ class Export(OperatorLimits):
 
     def execute(self) -> int:
         """Write the files and print their contents."""
-        from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
+        from gplfd_experiments.workflows.dry_run import dry_run
         from gplfd_experiments.workflows.exports import (
-            UPRIGHT,
             LimitsExceededError,
             export_skill,
-            tilt_of,
         )
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
@@ -79,18 +77,16 @@ class Export(OperatorLimits):
                 raise ValueError(f"--{name} {value!r} must be numbers, see --help")
         if self.robot is None and self.door != "medium":
             raise ValueError("--door goes with --robot, the robot of the dry run")
-        run = None
-        # No arm stands at a frame that is not upright: there is no dry run.
-        upright = self.frame is None or tilt_of(self.frame) <= UPRIGHT
-        if self.robot is not None and upright:
+        exceeded: Sequence[str] = ()
+        if self.robot is not None:
             where = self.robot, self.door, self.frame
-            run = dry_run(self.skill, self.policy, *where, self)
-            print("\n".join(f"{name}: {value}" for name, value in run.rows()))
+            summary, _, exceeded = dry_run(self.skill, self.policy, *where, self)
+            print("\n".join(f"{name}: {value}" for name, value in summary.items()))
         try:
             path, about = export_skill(
                 *(self.skill, outs, self.policy, self.rate, self.frame, self.tool),
                 limits=self,
-                exceeded=run.exceeded if run else (),
+                exceeded=exceeded,
                 allow=self.allow,
             )
         except LimitsExceededError as error:
@@ -104,8 +100,4 @@ class Export(OperatorLimits):
             f"{about['demonstrated_until_s']:.2f} s, stiffness up to "
             f"{path.stiffness[:, :3].max():.0f} N/m"
         )
-        if run is not None:
-            picture = outs[0].with_name(f"{outs[0].stem}-workspace.png")
-            draw_dry_run(run, picture)
-            print(f"the dry run is drawn in {picture}")
         return 0
