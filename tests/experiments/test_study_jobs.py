@@ -20,7 +20,7 @@ from gplfd_experiments.studies.jobs import episode_log, run_job
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of
-from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry import catalogue as registry
 from gplfd_policies.registry.method import Method, TrainingInput

@@ -5,14 +5,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
-from gplfd_policies.adaptation import (
+from gplfd_policies.adaptation.process import (
+    ConditionedProcess,
     ExactAdaptation,
     ForceAdaptation,
     ProcessAdaptation,
-    ProductAdaptation,
+    Repetition,
 )
-from gplfd_policies.adaptation.process import ConditionedProcess, Repetition
-from gplfd_policies.adaptation.product import product_of_gaussians
+from gplfd_policies.adaptation.product import ProductAdaptation, product_of_gaussians
 from gplfd_policies.gp.deviations import (
     DeviationLikelihood,
     DeviationProcess,

@@ -9,13 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
-from gplfd_policies.adaptation import (
-    ADAPTATIONS,
-    ExactAdaptation,
-    ProcessAdaptation,
-    ProductAdaptation,
-    begin_adaptation,
-)
+from gplfd_policies.adaptation import ADAPTATIONS, begin_adaptation
+from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
+from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.movements.baselines.promp import fit_promp
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")

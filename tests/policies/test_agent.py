@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import (
     LOOK_AHEAD,
     GriddedMovement,
 )
+from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig

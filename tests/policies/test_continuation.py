@@ -1,5 +1,7 @@
 """Where demonstrations end, the motion goes on as it was going."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -7,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, fit_skill
-from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.demonstrations.aligned import carried_on, continued, drift
-from gplfd_policies.movements.prior_mean import Stretched
+from gplfd_policies.movements.movement import EmpiricalDistribution
+from gplfd_policies.movements.prior_mean import ResidualMovement
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -109,12 +112,16 @@ def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
 
 def test_a_prior_mean_is_stretched_over_the_longer_task():
     path = PosePath(phases=PHASES, poses=arc(0.4, 0.8))
-    longer = Stretched(of=path, factor=1.6)
-    at = np.array([0.1, 0.4, 0.6])
-    assert_array_equal(longer.mean(at), path.mean(1.6 * at))
-    step = 1e-6
-    difference = (longer.mean(at + step) - longer.mean(at - step)) / (2.0 * step)
-    assert_allclose(longer.rate(at), difference, atol=1e-6)
+    longer = replace(aligned(arc(0.4, 0.8)), end=1.0 / 1.6)
+    movement = ResidualMovement(
+        aligned=longer, prior_mean=path, residual=EmpiricalDistribution(longer)
+    )
+    at, step = np.array([0.1, 0.4, 0.6]), 1e-6
+    assert_array_equal(movement.expected(at), path.mean(1.6 * at))
+    rest = movement.residual.predict(at)
+    difference = movement.expected(at + step) - movement.expected(at - step)
+    rate = movement.predict(at).mean_rate - rest.mean_rate
+    assert_allclose(rate, difference / (2.0 * step), atol=1e-6)
 
 
 def test_what_was_seen_beyond_the_demonstrations_is_known(skill):

@@ -16,7 +16,7 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
 )
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
-from gplfd_policies.phase.phase_rule import PathPhaseConfig, PhaseNoise
+from gplfd_policies.phase.phase_rule import PathPhaseConfig
 
 ONES, NAN, INF = np.ones(6), np.nan, np.inf
 ACTIONS = np.arange(18.0).reshape(3, 6)
@@ -29,7 +29,7 @@ NUMBERS = [
     (LearnedLoad, "step", INF),
     (CarriedLoad, "limit", NAN),
     (ComplianceConfig, "control_period", 0.0),
-    (PhaseNoise, "position", -1e-3),
+    (PathPhaseConfig, "position_noise", -1e-3),
     (SimilarityConfig, "spacing", 0.0),
     (PathPhaseConfig, "clearer_share", 1.5),
 ]

@@ -108,8 +108,8 @@ REFUSED = {
     r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": jumping,
     r"one row per quaternion, .* for 3": lambda: by_quaternions(np.zeros((2, 3))),
     r"not move under rotation_weight=1\.0": lambda: task_completion_index(shown(), 1.0),
-    "of 20,000 and 30,000 samples.*10,000 samples or fewer": lambda: (
-        dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
+    "of 20,000 and 30,000 samples": lambda: dynamic_time_warping(
+        lambda row: np.zeros(30_000), 20_000
     ),
     "at least one demonstration is needed": lambda: align([]),
     "dtw.*dtw-euclidean.*inter": lambda: align([shown()], method="linear"),
@@ -118,11 +118,11 @@ REFUSED = {
     r"\(4,\) and \(2, 5, 6\)": lambda: aligned(times=np.linspace(0, 1, 4)),
     "increase strictly": lambda: aligned(times=np.zeros(5)),
     "divide seconds by the duration": lambda: aligned(times=np.arange(5.0)),
-    "duration must be positive": lambda: aligned(duration=0.0),
-    "clocks must be None, or of": lambda: aligned(clocks=np.full((2, 5), 1.5)),
+    "duration positive": lambda: aligned(duration=0.0),
+    "clocks must be": lambda: aligned(clocks=np.full((2, 5), 1.5)),
     "beyond must be finite and >= 0": lambda: continued(ARC, -0.1),
     "got 0.0 to 0.5": lambda: continued(aligned(times=0.5 * ARC.times), 0.5),
-    "are continued already, from": lambda: continued(continued(ARC, 0.5), 0.5),
+    "only once; got": lambda: continued(continued(ARC, 0.5), 0.5),
 }
 
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gplfd_policies import ViaPoint
-from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.adaptation.process import ProcessAdaptation
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 

@@ -10,7 +10,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     normalised,
 )
-from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig, PhaseNoise
+from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -56,8 +56,8 @@ def turned(poses, yaw):
 
 def test_phase_std_is_the_size_of_the_errors(skill):
     """On doors of any demonstrated radius, with the errors that the rule expects."""
-    rng, noise = np.random.default_rng(0), PhaseNoise()
-    errors = np.repeat([noise.position, noise.rotation], 3)
+    rng, config = np.random.default_rng(0), PathPhaseConfig()
+    errors = np.repeat([config.position_noise, config.rotation_noise], 3)
     rule = PathPhase(skill, skill.aligned, PathPhaseConfig(window=(1.0, 1.0)))
     angle, found = 0.4, []
     for _ in range(300):
@@ -102,7 +102,7 @@ def test_misfit_makes_the_phase_unsure(skill):
 def nearest_by_hand(skill, pose, previous):
     """The search as its definition reads, one row, one size, one point at a time."""
     grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
-    demonstrated, noise = skill.predict(grid), config.noise
+    demonstrated = skill.predict(grid)
     poses = normalised(skill.aligned)[0].poses
     curves = [[np.interp(grid, skill.aligned.times, c) for c in one.T] for one in poses]
     positions = np.array(curves)[:, :3]
@@ -119,16 +119,20 @@ def nearest_by_hand(skill, pose, previous):
 
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
-        turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
+        turned_by = (there[3:] - pose[3:]) ** 2 / (
+            std[3:] ** 2 + config.rotation_noise**2
+        )
         share = np.hypot(config.distance_share, posterior.size_std)
-        spread = noise.position**2 + (share * length[index]) ** 2
+        spread = config.position_noise**2 + (share * length[index]) ** 2
         spread += stretch[index] ** 2
         total = 0.0
         for number, weight in enumerate(posterior.weights):
             far = reach - np.exp(posterior.log_sizes[number]) * length[index]
             back = turned(pose[None], -posterior.angle[number])[0, :3] / reach
             aside = np.sum((unit[:, index] - back) ** 2)
-            blur = (noise.position / reach) ** 2 + posterior.angle_variance[number]
+            blur = (config.position_noise / reach) ** 2 + posterior.angle_variance[
+                number
+            ]
             squares = far**2 / spread + aside / (variance[index] + blur)
             total += weight * np.exp(-0.5 * squares)
         return turned_by.sum() - 2.0 * np.log(max(total, 1e-300))

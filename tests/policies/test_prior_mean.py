@@ -15,12 +15,9 @@ from gplfd_policies import (
     fit_skill,
     make_agent,
 )
-from gplfd_policies.adaptation import (
-    ExactAdaptation,
-    ProcessAdaptation,
-    ProductAdaptation,
-    begin_adaptation,
-)
+from gplfd_policies.adaptation import begin_adaptation
+from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
+from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
-from gplfd_policies.adaptation import NoAdaptation, ProductAdaptation
+from gplfd_policies.adaptation import NoAdaptation
+from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
 

@@ -16,11 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.adaptation.process import (
-    ExactAdaptation,
-    ForceAdaptation,
-    ProcessAdaptation,
-)
+from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.shapes import Outputs, Times
@@ -37,22 +33,6 @@ from gplfd_policies.movements.movement import (
 from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
 from gplfd_policies.movements.skill import Skill
 
-__all__ = [
-    "ADAPTATIONS",
-    "Adaptation",
-    "AdaptationForm",
-    "AdaptedMovement",
-    "ExactAdaptation",
-    "ForceAdaptation",
-    "NoAdaptation",
-    "OwnAdaptation",
-    "ProcessAdaptation",
-    "ProductAdaptation",
-    "SimilarityAdaptation",
-    "adapt",
-    "begin_adaptation",
-]
-
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {
         "process": ProcessAdaptation,
@@ -62,8 +42,7 @@ ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     }
 )
 """Forms of a skill's adaptation by name."""
-_APART: Final = 1e-3
-"""Least distance of other phases from a single predicted phase."""
+_APART: Final = 1e-3  # least distance of other phases from a single predicted phase
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,9 +54,7 @@ class AdaptedMovement:
     form: AdaptationForm
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """Return the conditioned distribution at ``times``.
-
-        The form "product" depends on these phases.
+        """Return the conditioned distribution at ``times``; "product" depends on them.
 
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
@@ -86,8 +63,7 @@ class AdaptedMovement:
         others = self.movement.aligned.times
         partial = times.size == 1 or times[0] > others[0]
         if partial and self.form is SimilarityAdaptation:
-            # This form needs the path from its start; very close phases would make the
-            # rates inaccurate.
+            # This form needs the path from its start; close phases spoil the rates.
             apart = np.abs(others[:, None] - times).min(axis=1) > _APART
             grid = np.sort(np.append(others[apart], times))
         adaptation = begin_adaptation(self.movement, self.form, grid)
@@ -106,16 +82,12 @@ def adapt(
 
     Args:
         movement: The learned movement.
-        via_points: Poses to be reached, in any order; they are sorted by phase. Without
-            via-points, the movement is predicted as learned.
+        via_points: Poses to be reached, in any order; possibly none.
         form: For a skill: "process" (default), for phases that are certain; "product"
             (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a single
             demonstration), for successive positions on a path of unknown size in the
             x-z plane; or a callable (movement, grid) → `Adaptation`. Other movements
             have only their own form, which is the default.
-
-    Returns:
-        The adapted movement, which predicts like the movement.
 
     Raises:
         TypeError: if the via-points are not a sequence of via-points.
@@ -141,18 +113,14 @@ def adapt(
                     f"{sorted(ADAPTATIONS)}."
                 )
             form = ADAPTATIONS[name]
-        elif not isinstance(learned, Adaptable):
-            raise ValueError(
-                f"{kind} has no via-points: it is not a Skill and has no method "
-                "adapt(via_points), so it cannot be conditioned"
-            )
-        elif form is not None:
-            raise ValueError(
-                f"{kind} has its own form of adaptation: leave form={form!r} out, "
-                "which is for a Skill"
-            )
-        else:
+        elif isinstance(learned, Adaptable) and form is None:
             form = OwnAdaptation
+        else:
+            raise ValueError(
+                f"{kind} has its own form of adaptation: leave form={form!r} out"
+                if isinstance(learned, Adaptable)
+                else f"{kind} has no via-points: it is no Skill, and has no adapt()"
+            )
     # The scale of σ depends on the innovation of each via-point given the earlier ones.
     ordered = sorted(several, key=lambda point: (point.phase, tuple(point.pose)))
     chosen = form if ordered else NoAdaptation
@@ -162,10 +130,7 @@ def adapt(
 def begin_adaptation(
     movement: Movement, form: AdaptationForm | None, grid: Times
 ) -> Adaptation:
-    """Start the adaptation of a movement, around its prior mean if it has one.
-
-    The form None is for a movement without via-points.
-    """
+    """Start a form of adaptation, around the prior mean if any; None for no form."""
     if form is None:
         return NoAdaptation(movement, grid)
     # The size of a path is defined by the whole motion, including its prior mean.

@@ -11,14 +11,7 @@ import numpy as np
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
-from gplfd_policies.arrays.shapes import (
-    Axes,
-    Covariances,
-    Float,
-    Outputs,
-    Pose,
-    Vectors,
-)
+from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Pose, Vectors
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     GaussianTrajectory,
@@ -39,8 +32,8 @@ def look_ahead(phases: PerRow, start: PerRow) -> Float[np.ndarray, "*S"]:
 class GriddedMovement:
     """A movement under one form of adaptation, on a uniform grid of phases.
 
-    Between grid points mean and σ are interpolated linearly: at 100 points the arc of a
-    0.65 m door is accurate within 0.06 mm. The form None does not adapt.
+    Between grid points mean and σ are interpolated linearly. The form None does not
+    adapt.
     """
 
     def __init__(
@@ -56,8 +49,7 @@ class GriddedMovement:
 
     def reset(self) -> None:
         """Forget every via-point."""
-        if self._adapted:
-            # A copy takes a tenth of the time of a new computation.
+        if self._adapted:  # a copy takes a tenth of the time of a new computation
             self.distribution = copy.deepcopy(self._unadapted)
             self._adapted, self._seen = False, 0.0
 
@@ -68,8 +60,7 @@ class GriddedMovement:
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
-        adapted = self.distribution.trajectory()
-        drift = self.drift
+        adapted, drift = self.distribution.trajectory(), self.drift
         if not drift.any():
             return adapted[:]  # a copy, as users may write into it
         std = np.hypot(adapted.std, drift)
@@ -90,7 +81,7 @@ class GriddedMovement:
         return np.asarray(unseen[:, None] * aligned.drift)
 
 
-def _drifting(adapted: GaussianTrajectory, drift: Outputs) -> Covariances:
+def _drifting(adapted: GaussianTrajectory, drift: Outputs) -> np.ndarray:
     """Return the covariance with a drift, which is one error at all phases."""
     return np.asarray(adapted.covariance + np.einsum("mi,ni->imn", drift, drift))
 
@@ -110,7 +101,7 @@ class GriddedMovements:
         durations = [movement.learned.duration for movement in self._movements]
         self.durations = np.reshape(durations, shape)  # duration of each row's task [s]
         self.numbers = np.reshape(np.arange(count), shape)
-        # The last grid point is stored twice, so that it also has a right neighbour.
+        # The last grid point is stored twice: it also has a right neighbour.
         self._first_row = self.numbers * (self._n_grid + 1)
         self._table = np.empty((count * (self._n_grid + 1), 13))
         for member in range(count):
@@ -182,8 +173,7 @@ class GriddedMovements:
         """Return the unit vectors along chords of paths."""
         between = chord[1, ..., :3] - chord[0, ..., :3]
         length = np.sqrt(np.add.reduce(between * between, axis=-1)) + 1e-9
-        unit: Vectors = between / length[..., None]
-        return unit
+        return np.asarray(between / length[..., None])
 
     def _renew(self, member: int) -> None:
         movement = self._movements[member]

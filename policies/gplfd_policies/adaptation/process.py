@@ -12,8 +12,7 @@ the curves,
     S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
-This is exact for any ρ (``test_shared_error_equals_dense_conditioning``); the grid of
-the reported distribution has no influence. If ρ = 0 the outputs stay independent.
+exactly for any ρ (``test_shared_error_equals_dense_conditioning``) and on any grid.
 """
 
 from collections.abc import Sequence
@@ -32,9 +31,8 @@ from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import Skill
 
 _STRONGEST = 1e-8
-"""Least via-point variance, relative to the largest variance of the output: 1e-4 of the
-demonstrated spread, so that σ_v = 0 and repeated or contradictory via-points have a
-solution, their average."""
+"""Least via-point variance, relative to the largest variance of the output, so that
+repeated or contradictory via-points have a solution, their average."""
 _LEFT_OUT = 1e-7
 """Eigenvectors of a smooth covariance whose eigenvalue is below this share of the
 largest are left out: no via-point can observe them."""
@@ -47,8 +45,7 @@ _OWN_PRIOR = (0.98, 0.01, 0.01)
 with 50 %, intervals are too wide at doors like the demonstrated ones."""
 _OWN_SCALE = 0.1
 """Length scale of the varying part of a door's own force, in phase."""
-_OUTPUTS = np.arange(6)[:, None]
-_DIAGONAL = np.diag_indices(6)
+_OUTPUTS, _DIAGONAL = np.arange(6)[:, None], np.diag_indices(6)
 
 Local = tuple[Pose, Pose, Float[np.ndarray, "6 R"]]
 """m_i, the white variance and φ_i at one phase, before any via-point."""
@@ -64,8 +61,8 @@ class Repetition:
     deviations: Float[np.ndarray, "6 Q R"]
     """Coefficients of the curves φ_i, R of each output."""
     log_white: Float[np.ndarray, "Q 6"]
-    """Coefficients of the logarithm of the white variance, which is independent from
-    sample to sample and not reduced by via-points."""
+    """Coefficients of the logarithm of the white variance, which via-points do not
+    reduce."""
 
     @classmethod
     def from_covariance(
@@ -75,11 +72,9 @@ class Repetition:
         covariance: Float[np.ndarray, "6 Q Q"],
         log_white: Float[np.ndarray, "Q 6"],
     ) -> "Repetition":
-        """Return the prior for moments at the nodes of the basis.
-
-        φ_i are the eigenvectors of the covariance times roots of the eigenvalues.
-        """
+        """Return the prior for moments at the nodes of the basis."""
         root = basis.root_weights[:, None]
+        # φ_i are the eigenvectors times roots of the eigenvalues.
         values, vectors = np.linalg.eigh(basis.weigh(covariance))
         values = np.maximum(values, 0.0)
         kept = values > _LEFT_OUT * values[..., -1:]
@@ -113,12 +108,10 @@ class ConditionedProcess:
     """Six curves on a grid of phases, conditioned in place.
 
     With few demonstrations the scale of the process is uncertain. With ν degrees of
-    freedom, n observations and their squared Mahalanobis distance δ², the scale of a
-    Student-t process grows to (ν + δ²)/(ν + n) per output. The distance is computed
-    given the other outputs, so that an error along the path does not count. The scale
+    freedom, n observations and their squared Mahalanobis distance δ² given the other
+    outputs, the scale of a Student-t process grows to (ν + δ²)/(ν + n) per output. It
     is at least one: via-points that match must not make the robot stiff. Intervals keep
-    ν degrees of freedom, because the via-points of one repetition all observe the same
-    deviation.
+    ν degrees of freedom.
     """
 
     def __init__(self, prior: Repetition, free: float | None, grid: Times) -> None:
@@ -144,9 +137,7 @@ class ConditionedProcess:
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid, a read-only view."""
-        view: np.ndarray = self._mean.view()
-        view.setflags(write=False)
-        return view
+        return _unwritable(self._mean.view())
 
     @property
     def std(self) -> Outputs:
@@ -175,9 +166,8 @@ class ConditionedProcess:
         basis = self._basis
         if not basis.start <= phase <= basis.stop:
             raise ValueError(
-                f"The via-point's phase {phase} is outside the range "
-                f"[{basis.start}, {basis.stop}] of demonstrations and "
-                f"grid; clip it, or build the adaptation on a wider grid."
+                f"The via-point's phase {phase} is outside the range [{basis.start}, "
+                f"{basis.stop}] of demonstrations and grid; clip it, or widen the grid."
             )
         row = basis.row(phase) @ self._table
         return row[:6], np.exp(row[6:12]), _curves(row[None])[:, 0]
@@ -187,8 +177,7 @@ class ConditionedProcess:
     ) -> None:
         """Condition on a pose; outputs with infinite noise are ignored.
 
-        The prior is that of `at`, the noise each output's own, ``along`` as in
-        `ViaPoint`.
+        The prior is that of `at`, ``along`` as in `ViaPoint`.
         """
         mean, _, curves = here
         observed = np.isfinite(noise_variance)
@@ -276,9 +265,7 @@ class ProcessAdaptation(ConditionedProcess):
     (`gplfd_policies.gp.deviations`), so that the observed radius of a door informs the
     rest of the motion. Before any via-point it equals `Skill.predict`. A via-point
     observes the path with its own noise, an error along the path and the white part of
-    the demonstrations' spread. The result does not depend on the grid; the mean does
-    not depend on the order of the via-points, the scale only where they share an error
-    along the path.
+    the demonstrations' spread.
     """
 
     def __init__(
@@ -329,11 +316,10 @@ class ForceAdaptation:
     """Conditioning of the force at a door that may differ from all demonstrated doors.
 
     In addition to the demonstrations' spread, a door's force deviates in one of three
-    ways, weighted by the evidence of the via-points: not at all; by a constant b on the
-    whole way, like the weight of a leaf or the pull of a closer; or by b + f(s), where
-    f varies over a tenth of the way, like springs of handle and seal. The standard
-    deviation of the others is half the root mean square of the demonstrated forces, or
-    moments, along each axis.
+    ways, weighted by the evidence of the via-points: not at all; by a constant b, like
+    the pull of a closer; or by b + f(s), where f varies over a tenth of the way, like
+    springs. The standard deviation of these is half the root mean square of the
+    demonstrated forces, or moments, along each axis.
     """
 
     def __init__(self, skill: Skill, grid: Times) -> None:
@@ -363,9 +349,7 @@ class ForceAdaptation:
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid, read-only."""
-        mean: np.ndarray = _mixed(self.shares, [part.mean for part in self._parts])
-        mean.setflags(write=False)
-        return mean
+        return _unwritable(_mixed(self.shares, [part.mean for part in self._parts]))
 
     @property
     def std(self) -> Outputs:
@@ -398,6 +382,11 @@ class ForceAdaptation:
         )
 
 
+def _unwritable(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array
+
+
 def _mixed(
     shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
 ) -> np.ndarray:
@@ -424,10 +413,9 @@ def demonstrated_repetition(
 ) -> Repetition:
     """Return the prior of a repetition; arguments as for `ProcessAdaptation`.
 
-    The variance is that of `Skill.predict`, r + r/D or more outside the demonstrations,
-    plus the two variances in `own_variance`: of a constant, and of a part that varies
-    over a tenth of the task. The smooth covariance is a mixture of the model's
-    covariance and that of the demonstrations' own curves, smoothed by the model.
+    The variance is that of `Skill.predict`, plus the two in `own_variance`: of a
+    constant, and of a part that varies over a tenth of the task. The smooth covariance
+    mixes the model's and that of the demonstrations' curves, smoothed by the model.
     """
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)

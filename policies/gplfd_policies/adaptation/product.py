@@ -32,16 +32,13 @@ def product_of_gaussians(
 
 
 class ProductAdaptation:
-    """p(f | D) p(f | V) on the grid, Eqs. (19)–(21), O(M³) per via-point.
+    """p(f | D) p(f | V) on the grid, Eqs. (19)–(21) as printed, O(M³) per via-point.
 
-    Implemented as printed. Two properties matter for its use:
-
-    * The result depends on the number M of predicted phases: each counts as another
-      independent observation, so σ falls when the grid is refined
-      (``test_product_depends_on_the_grid``).
+    * Each of the M predicted phases counts as another independent observation, so σ
+      falls when the grid is refined (``test_product_depends_on_the_grid``).
     * Away from its via-points the via-point process returns to its prior mean. The
-      paper's zero mean *pulls the policy to zero*; the default here, the
-      demonstrations' mean, does not (``test_zero_prior_mean_pulls_the_policy``).
+      paper's zero *pulls the policy to zero*; the default here, the demonstrations'
+      mean, does not (``test_zero_prior_mean_pulls_the_policy``).
     """
 
     def __init__(
@@ -61,8 +58,7 @@ class ProductAdaptation:
             )
         if np.any(np.diff(grid) <= 0.0):
             raise ValueError("The grid of a product must increase strictly.")
-        self._skill = skill
-        self._prior_mean = prior_mean
+        self._skill, self._prior_mean = skill, prior_mean
         self._demonstrated = skill.predict(grid)
         self._via_points: list[ViaPoint] = []
         self._means = self._demonstrated.mean.copy()
@@ -82,9 +78,9 @@ class ProductAdaptation:
             process = self._skill.processes.outputs[output]
             signal_std = process.kernel.signal_std * process.scale
             kernel = replace(process.kernel, signal_std=signal_std)
-            phases = np.array([point.phase for point in seen])
-            values = np.array([point.pose[output] for point in seen])
-            noise = np.array([point.noise_variance[output] for point in seen])
+            phases, values, noise = np.array(
+                [(p.phase, p.pose[output], p.noise_variance[output]) for p in seen]
+            ).T
             prior = np.zeros(len(grid))
             if self._prior_mean == "demonstration":
                 prior = demonstrated.mean[:, output]

@@ -27,10 +27,8 @@ from gplfd_policies.demonstrations.path_similarity import (
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
 from gplfd_policies.movements.movement import GaussianTrajectory, Movement, ViaPoint
 
-_LEVEL: Final = [0, 2]
-"""Indices of x and z, which depend on the size."""
-_OTHERS: Final = [1, 3, 4, 5]
-"""Indices of height and rotation, which do not depend on the size."""
+_LEVEL: Final = [0, 2]  # indices of x and z, which depend on the size
+_OTHERS: Final = [1, 3, 4, 5]  # of height and rotation, which do not
 _LEAST_STD: Final = np.array([1e-3, 1e-2, 1e-2, 1e-2])
 """Least standard deviation of height and rotation [m, rad]."""
 _CONSTANT: Final = 0.5
@@ -67,8 +65,7 @@ class SimilarityAdaptation:
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
         self._spread = np.maximum(predicted.std[:, _OTHERS], _LEAST_STD)
-        self._phase = float(grid[0])
-        self._state = np.zeros((3, 4))
+        self._phase, self._state = float(grid[0]), np.zeros((3, 4))
         self._covariance = np.zeros((3, 3, 4))
         self._covariance += np.diag([1.0, 1.0, self._rate**2])[:, :, None]
         self._forecast()
@@ -106,10 +103,8 @@ class SimilarityAdaptation:
 
     @property
     def mean(self) -> Outputs:
-        """Current mean on the grid [m, rad], a read-only view."""
-        view: np.ndarray = self._mean.view()
-        view.setflags(write=False)
-        return view
+        """Current mean on the grid [m, rad]; it is replaced, not changed."""
+        return self._mean
 
     @property
     def std(self) -> Outputs:
@@ -167,10 +162,7 @@ class SimilarityAdaptation:
 
 
 def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:
-    """Return the covariance over time of deviations that are equal at all phases.
-
-    The remaining variance is independent from phase to phase.
-    """
+    """Return the covariance over time of deviations that are equal at all phases."""
     covariance = np.stack([root @ root.T for root in roots])
     diagonal = np.arange(len(std))
     covariance[:, diagonal, diagonal] = std.T**2

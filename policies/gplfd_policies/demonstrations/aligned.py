@@ -1,9 +1,8 @@
 """Aligned demonstrations, the input of learning, and their continuation.
 
-A demonstration that opens a door to 45° ends too early if the door must open wide. It
-is continued by the screw motion of its last part, such as the rotation about a hinge or
-the straight pull of a drawer. The error of this extrapolation is measured on the
-demonstrations themselves: each is cut, continued, and compared with the rest.
+A demonstration that ends too early is continued by the screw motion of its last part,
+such as the rotation about a hinge or the straight pull of a drawer. The error of this
+extrapolation is measured by cutting demonstrations and comparing with the rest.
 """
 
 from dataclasses import dataclass, field, replace
@@ -106,11 +105,10 @@ class AlignedDemonstrations:
         )
 
     def __post_init__(self) -> None:
-        own_arrays(self, "times", "poses", "drift")
-        for name in ("clocks", "wrenches"):
+        for name in ("times", "poses", "drift", "clocks", "wrenches"):
             if getattr(self, name) is not None:
                 own_arrays(self, name)
-        times, poses = self.times, self.poses
+        times, poses, clocks = self.times, self.poses, self.clocks
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
                 "times must have shape (M,) and poses (K, M, 6), got "
@@ -122,13 +120,16 @@ class AlignedDemonstrations:
             )
         if not (np.isfinite(poses).all() and np.isfinite(times).all()):
             raise ValueError("times and poses must be finite; drop NaN and inf first")
-        clocks = self.clocks
+        if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
+            raise ValueError(
+                "times are phases: they must increase strictly within [0, 1], got "
+                f"{times[0]} ... {times[-1]}; divide seconds by the duration"
+            )
         if clocks is not None and not (
             clocks.shape == poses.shape[:2] and (np.abs(clocks - 0.5) <= 0.5).all()
         ):
             raise ValueError(
-                "clocks must be None, or of shape (K, M) and within [0, 1]; got shape "
-                f"{clocks.shape} for poses of {poses.shape}"
+                f"clocks must be (K, M) and within [0, 1], or None: {clocks.shape}"
             )
         if self.wrenches is not None:
             finite = np.isfinite(self.wrenches)
@@ -136,20 +137,15 @@ class AlignedDemonstrations:
             if finite.shape != poses.shape or not (whole.all() and finite.any()):
                 raise ValueError(
                     "wrenches must be None, or of the shape of the poses and finite, "
-                    "or NaN throughout for demonstrations without; got shape "
-                    f"{finite.shape} for poses of {poses.shape}"
+                    f"or NaN throughout for demonstrations without: {finite.shape}"
                 )
-        if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
-            raise ValueError(
-                "times are phases: they must increase strictly within [0, 1], got "
-                f"{times[0]} ... {times[-1]}; divide seconds by the duration"
-            )
-        if not 0.0 < self.end <= 1.0:
-            raise ValueError(f"end must be a phase in (0, 1], got {self.end}")
         if self.drift.shape != (6,) or not np.all(self.drift >= 0.0):
             raise ValueError(f"drift must be six numbers >= 0, got {self.drift}")
-        if not 0.0 < self.duration < np.inf:
-            raise ValueError(f"duration must be positive [s], got {self.duration}")
+        if not (0.0 < self.end <= 1.0 and 0.0 < self.duration < np.inf):
+            raise ValueError(
+                "end must be a phase in (0, 1] and duration positive [s], got "
+                f"{self.end} and {self.duration}"
+            )
 
 
 def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstrations:
@@ -162,14 +158,11 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
         raise ValueError(f"beyond must be finite and >= 0, got {beyond}")
     if beyond == 0.0:
         return aligned
-    if aligned.end < 1.0:
-        raise ValueError(
-            f"these demonstrations are continued already, from phase {aligned.end:.3g}"
-        )
     first, last = aligned.times[[0, -1]]
-    if first != 0.0 or last != 1.0:
+    if aligned.end < 1.0 or first != 0.0 or last != 1.0:
         raise ValueError(
-            f"only demonstrations on phases 0 to 1 are continued, got {first} to {last}"
+            "only demonstrations on phases 0 to 1 are continued, and only once; got "
+            f"{first} to {last}, continued from {aligned.end:.3g}"
         )
     clock = np.linspace(0.0, beyond + 0.5 * _RAMP, len(aligned.times))[1:]
     started = np.minimum(clock, _RAMP)
@@ -210,8 +203,9 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
             rest = (1.0 - cut) * _AHEAD
             guess = _screwed(poses, way, cut, rest)
             # Relative to the shorter path, the only one that is known at the cut.
-            missed = guess - interpolated(cut + rest, way, poses)
-            errors.append(missed / (rest[:, None] / cut))
+            errors.append(
+                (guess - interpolated(cut + rest, way, poses)) / (rest[:, None] / cut)
+            )
     return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
 
 

@@ -1,9 +1,8 @@
 """Temporal alignment of demonstrations with different timing.
 
-Rests are left out first, because people wait before and after they move: a rest is not
-a part of the task, and the phase of a hand at rest is ambiguous. Then demonstrations
-are matched where the same share of the task is completed. Equation numbers refer to
-Arduengo et al., arXiv:2002.09979.
+Rests are left out first: a rest is not a part of the task, and the phase of a hand at
+rest is ambiguous. Then demonstrations are matched where the same share of the task is
+completed. Equation numbers refer to Arduengo et al., arXiv:2002.09979.
 """
 
 import warnings
@@ -29,20 +28,17 @@ from gplfd_policies.demonstrations.demonstration import (
 _NOISY_LENGTH_RATIO: Final = 1.1
 """Length of a path over its denoised length above which a warning is issued."""
 _BANDWIDTH: Final = 0.015
-"""Standard deviation of the filter, as a share of the demonstration: 0.1 s in 7 s,
-shorter than intended motions of a hand and longer than noise of sensors. It causes a
-phase error of 0.1 % on clean minimum-jerk motion."""
+"""Standard deviation of the filter, as a share of the demonstration: shorter than
+intended motions of a hand and longer than noise of sensors."""
 _REACH: Final = 4.0
 """Half-width at which the filter's weights are cut off, in standard deviations."""
 _TIME_SHARE: Final = 1e-6
-"""Share of normalised time added to the completion index: it orders the samples of a
-rest, and shifts other matches by no more than this."""
+"""Share of normalised time in the completion index: it orders the samples of a rest."""
 LARGEST_TABLE: Final = 10**8
 """Greatest number of cells: two sequences of 10,000, a few seconds and 100 MB."""
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 _HALF_CHORD: Final = 0.02
-"""Half of the length of chords that define the speed, as a share of the
-demonstration."""
+"""Half of the chords that define the speed, as a share of the demonstration."""
 _FAST: Final = 95.0
 """Percentile of the speed that counts as the motion's fast speed."""
 _SLOW: Final = 0.05
@@ -51,13 +47,11 @@ _UNMOVED: Final = 0.01
 """Largest share of the path's length covered during a rest: a slow hand that covers
 more is unlatching a door or searching for contact."""
 _LONGEST: Final = 0.10
-"""Least duration of a rest, as a share of the moving time: shorter ones are starts,
-stops or hesitation."""
+"""Least duration of a rest, as a share of the moving time."""
 _WORTH_SAYING: Final = 0.02
 """Fraction of trimmed time above which a warning is issued."""
 _KEPT: Final = 0.05
 """Share of the moving time to which a rest is shortened."""
-
 _TILTED: Final = np.radians(10.0)
 """Largest tilt of a motion that turns by more than 300° [rad]."""
 _WORTH_LEARNING: Final = np.radians(1.0)
@@ -68,6 +62,8 @@ AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 
 Samples = Float[np.ndarray, " N"]
 """One number per sample of a demonstration."""
+Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
+"""Poses of K demonstrations at M phases, and their clocks there."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,7 +76,7 @@ class _Course:
     completion: Samples
 
     def at(self, clock: Times) -> Outputs:
-        """Return the poses at given normalised times."""
+        """Return the poses at normalised times."""
         last = len(self.clock) - 2
         before = np.clip(np.searchsorted(self.clock, clock) - 1, 0, last)
         start, step = self.clock[before], np.diff(self.clock)[before]
@@ -88,10 +84,6 @@ class _Course:
         resampled: np.ndarray = (1.0 - share) * self.poses[before]
         resampled += share * self.poses[before + 1]
         return resampled
-
-
-Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
-"""Poses of K demonstrations at M phases, and their clocks there."""
 
 
 def align(
@@ -106,11 +98,10 @@ def align(
     """Align demonstrations of different timing to common phases.
 
     * ``"interpolation"`` (default) inverts each completion index exactly. The phase at
-      a given completion is the mean over the demonstrations of their normalised times
-      there, so that the common timing (starting and stopping gently) is kept.
+      a completion is the mean of the demonstrations' normalised times there, so that
+      the common timing (starting and stopping gently) is kept.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
-      demonstration with most samples, matches averaged per sample. If ζ rises strictly,
-      it finds the same matches to within half a sample, but stepwise.
+      demonstration with most samples, matches averaged per sample.
     * ``"dtw-euclidean"`` warps on the distance of poses, Eq. (17). It mistakes
       intermediate points of a long path for the end of a short one (Fig. 3b), and is
       only for comparison.
@@ -121,12 +112,7 @@ def align(
         n_samples: Number of equally spaced phases from 0 to 1.
         rotation_weight: ω₁ of Eq. (17), within [0, 1].
         denoise: Whether completion is measured on the denoised paths.
-        trim_rests: Whether periods without motion are left out first, see
-            `without_rests`.
-
-    Returns:
-        The aligned demonstrations with their mean duration, the clock of each, and the
-        wrenches of those that have them.
+        trim_rests: Whether periods without motion are left out, see `without_rests`.
 
     Raises:
         TypeError: If the demonstrations are not a sequence of demonstrations.
@@ -159,7 +145,6 @@ def align(
         branch = np.stack([demonstrations[0].poses[0, 3:], poses[0, 3:]])
         first = unwrap_rotvecs(branch)[1]
         if not np.array_equal(first, poses[0, 3:]):
-            # A demonstration is continuous: its branch is that of its first sample.
             rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
             poses = np.hstack([poses[:, :3], rotvecs])
         clock = (times - times[0]) / (times[-1] - times[0])
@@ -203,9 +188,8 @@ def _regular(demonstrations: Sequence[Demonstration]) -> tuple[Demonstration, ..
                 f"demonstration {number} turns by {turned(demo):.0f} degrees, and by "
                 f"{np.degrees(tilt):.0f} degrees about other axes: turns of more than "
                 "300 degrees are learned about one axis, within "
-                f"{np.degrees(_TILTED):.0f} degrees. Cut the motion into shorter ones, "
-                "or give poses relative to the first (relative_to_first(), or gplfd "
-                "demos import --frame first-pose)"
+                f"{np.degrees(_TILTED):.0f} degrees. Cut the motion, or give poses "
+                "relative to the first (relative_to_first(), --frame first-pose)"
             )
         poses = np.hstack([demo.poses[:, :3], rotvecs])
         regular.append(demo if not tilt else replace(demo, poses=poses))
@@ -214,7 +198,6 @@ def _regular(demonstrations: Sequence[Demonstration]) -> tuple[Demonstration, ..
             f"turns: up to {max(map(turned, demonstrations)):.0f} degrees about one "
             f"axis; tilts, here up to {np.degrees(max(tilts)):.1f} degrees, are not "
             "learned near full turns.",
-            UserWarning,
             stacklevel=3,
         )
     return tuple(regular)
@@ -227,8 +210,7 @@ def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
         for course in courses
     ]
     pairs = list(zip(progress, courses, strict=True))
-    # Between these knots every clock is linear in progress, and so is their mean. Thus
-    # inversion by linear interpolation is exact.
+    # Between these knots clocks and their mean are linear: the inversion is exact.
     knots = np.unique(np.concatenate(progress))
     mean_clock = np.mean(
         [np.interp(knots, rising, course.clock) for rising, course in pairs], axis=0
@@ -242,15 +224,11 @@ def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
 def _warped(
     courses: Sequence[_Course], phases: Times, rotation_weight: float | None
 ) -> Matched:
-    """Warp demonstrations onto the one with most samples; average the matches.
-
-    With a weight of rotations, poses are compared instead of completion indices.
-    """
+    """Warp demonstrations onto the longest one, by poses if there is a weight."""
     reference = max(courses, key=lambda course: len(course.clock))
     aligned, clocks = [], []
     for course in courses:
         if course is reference:
-            # The reference itself: every sample is matched with itself.
             aligned.append(course.at(phases))
             clocks.append(phases)
             continue
@@ -290,9 +268,8 @@ def dynamic_time_warping(
     if n_rows * len(total) > LARGEST_TABLE:
         raise ValueError(
             f"dynamic time warping of {n_rows:,} and {len(total):,} samples compares "
-            f"each with each, at most {LARGEST_TABLE:,} pairs: give demonstrations of "
-            '10,000 samples or fewer, or align by method="interpolation" (policy gp), '
-            "which takes any number"
+            f"at most {LARGEST_TABLE:,} pairs: give fewer samples, or align by "
+            'method="interpolation" (policy gp), which takes any number'
         )
     above = np.empty_like(total)
     choices = np.empty((n_rows, len(total)), dtype=np.int8)
@@ -337,17 +314,15 @@ def measure_completion(
 ) -> tuple[Samples, float]:
     """Return ζ, and the length of the path over its length without noise, about 1.
 
-    The noise is removed by a Gaussian filter. Rules that estimate the noise from
-    neighbouring samples do not remove noise that motion capture has filtered
-    (`test_phase_error_with_filtered_noise_stays_below`).
+    The noise is removed by a Gaussian filter, which also removes noise that motion
+    capture has filtered (`test_phase_error_with_filtered_noise_stays_below`).
     """
     poses = demonstration.poses
     raw = pose_steps(poses, rotation_weight)
     if np.sum(raw) <= 0.0:
         raise ValueError(
             "the demonstration does not move under rotation_weight="
-            f"{rotation_weight}: 0 counts translation only and 1 rotation only; "
-            "choose a weight between"
+            f"{rotation_weight}: 0 counts translation only, 1 rotation only"
         )
     clean, size = raw, len(poses)
     bandwidth = _BANDWIDTH * size
@@ -358,8 +333,7 @@ def measure_completion(
         before = 2.0 * path[:, :1] - path[:, reach:0:-1]
         after = 2.0 * path[:, -1:] - path[:, -2 : -reach - 2 : -1]
         extended = np.concatenate([before, path, after], axis=1)
-        # By Fourier transform: the weights cover an eighth of the demonstration, so a
-        # direct sum would cost O(N²).
+        # By Fourier transform: a direct sum would cost O(N²).
         length = scipy.fft.next_fast_len(extended.shape[1], real=True)
         half = np.exp(-0.5 * (np.arange(reach + 1) / bandwidth) ** 2)
         weights = np.zeros(length)
@@ -382,17 +356,13 @@ def _warn_of_noise(ratios: Sequence[float], denoise: bool) -> None:
     noisy = sum(ratio > _NOISY_LENGTH_RATIO for ratio in ratios)
     if not noisy:
         return
-    done = "The task completion index was computed from the denoised path."
+    done = "the denoised path."
     if not denoise:
-        done = (
-            "The task completion index was computed from the raw path and mostly "
-            "follows the clock where the hand is slow; pass denoise=True."
-        )
+        done = "the raw path, and mostly follows slow time; pass denoise=True."
     warnings.warn(
         f"sensor noise: {noisy} of {len(ratios)} demonstrations have a raw path more "
         f"than {_NOISY_LENGTH_RATIO} times as long as the denoised one (up to "
-        f"{max(ratios):.2f} times). {done}",
-        UserWarning,
+        f"{max(ratios):.2f} times). Completion was computed from {done}",
         stacklevel=3,
     )
 
@@ -427,9 +397,8 @@ def without_rests(
     rests = []
     for first, last in zip(starts.tolist(), stops.tolist(), strict=True):
         start, end = float(times[first]), float(times[last])
-        if not times[last] - times[first] > _LONGEST * moving:
-            continue
-        if not float(pose_distance(smooth[last], smooth[first], 0.5)) <= unmoved:
+        resting = float(pose_distance(smooth[last], smooth[first], 0.5)) <= unmoved
+        if not (end - start > _LONGEST * moving and resting):
             continue
         if first > 0 and last < len(times) - 1:
             rests.append(Rest(start=start + 0.5 * kept, end=end - 0.5 * kept))
@@ -455,8 +424,7 @@ def without_rests(
 
 def moving_span(demonstration: Demonstration) -> tuple[float, float]:
     """Return start and end of a demonstration without rests at its ends [s]."""
-    start, end = (float(demonstration.times[place]) for place in (0, -1))
-    first, last = start, end
+    start, end = first, last = demonstration.times[[0, -1]].tolist()
     _, rests = without_rests(demonstration)
     for rest in rests:
         if rest.start <= first:
@@ -479,6 +447,5 @@ def warn_of_rests(
         f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
         f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "
         "s at a time.",
-        UserWarning,
         stacklevel=3,
     )

@@ -1,7 +1,7 @@
 """A correction: motion of an episode in which somebody led the hand, and its origin."""
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 import scipy
@@ -48,21 +48,21 @@ class Correction:
 
     def __post_init__(self) -> None:
         led, wanted = np.array(self.led), self.motion.times.shape
+        object.__setattr__(self, "led", led)
         if led.shape != wanted or led.dtype != np.bool_ or not led.any():
             raise ValueError(
                 f"led must have shape {wanted} and be true where somebody led the "
                 f"hand; got shape {led.shape}, {np.count_nonzero(led)} of them true"
             )
-        if self.by not in ("synthetic", "person") or not 0.0 <= self.phase <= 1.0:
+        if self.by not in get_args(Who) or not 0.0 <= self.phase <= 1.0:
             raise ValueError(
-                'by must be "synthetic" or "person" and phase within [0, 1], got '
+                f"by must be one of {get_args(Who)} and phase within [0, 1], got "
                 f"{self.by!r} and {self.phase}"
             )
         if self.inputs is not None:
             own_arrays(self, "inputs")
             if self.inputs.ndim != 2 or len(self.inputs) != len(led):
                 raise ValueError(f"inputs need {len(led)} rows: {self.inputs.shape}")
-        object.__setattr__(self, "led", led)
 
     @property
     def seconds(self) -> float:

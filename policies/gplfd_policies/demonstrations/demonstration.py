@@ -64,8 +64,7 @@ class Demonstration:
             index = int(stalled[0]) + 1
             raise ValueError(
                 f"times must increase strictly, but times[{index}] = {times[index]} is "
-                f"not later than {times[index - 1]}; sort the samples and drop "
-                "repeated ones"
+                f"not later than {times[index - 1]}; sort the samples, drop repeats"
             )
         rotvecs = poses[:, 3:]
         moved = np.abs(unwrap_rotvecs(rotvecs) - rotvecs).max(axis=1) > _SAME_ROTVEC
@@ -73,14 +72,13 @@ class Demonstration:
             index = int(np.argmax(moved))
             raise ValueError(
                 f"the rotation vectors jump at sample {index}, from "
-                f"{rotvecs[index - 1]} to {rotvecs[index]}: build the demonstration "
-                "with Demonstration.from_quaternions, or pass the rotation vectors "
-                "through gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
+                f"{rotvecs[index - 1]} to {rotvecs[index]}: build the demonstration by "
+                "Demonstration.from_quaternions, or use unwrap_rotvecs first"
             )
         if np.abs(poses - poses[0]).max() <= _REST:
             raise ValueError(
-                "the demonstration never moves: all poses are equal, so no progress "
-                "can be measured; check the recording and its units (metres, radians)"
+                "the demonstration never moves: all poses are equal; check the "
+                "recording and its units (metres, radians)"
             )
         if self.wrenches is None:
             return

@@ -1,7 +1,6 @@
 """Modes: partition of unlabelled demonstrations by kind of motion.
 
-A door is pulled or pushed, its hinge is on the right or the left, its handle turns up
-or down. The mean of two kinds is a motion of neither, so each is learned separately.
+A mode is e.g. to pull, or a side of the hinge: the mean of two is a motion of neither.
 """
 
 from typing import Final
@@ -18,10 +17,9 @@ teachers and recordings it is 0.05 to 0.12; two modes are 2.0 to 2.7 apart."""
 
 _LEAST: Final = (0.01, 0.1)
 """Least motion with a defined shape, root mean square: position [m], rotation [rad]."""
-
 _ARM: Final = 1.0
-"""A rotation that moves a point at this distance [m] by less than the hand has moved
-has no defined shape: that of a hand on a sliding leaf is random."""
+"""A rotation that moves a point at this distance [m] less than the hand has no defined
+shape: that of a hand on a sliding leaf is random."""
 
 
 def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:

@@ -56,6 +56,7 @@ class LabelledDemonstrations:
         if self.frame not in FRAMES:
             raise ValueError(f"frame is {self.frame!r:.80}, must be one of {FRAMES}")
         signals = self.signals or ({},) * number
+        signals = self.signals or ({},) * number
         if number == 0 or not number == len(self.radii) == len(signals):
             raise ValueError(
                 f"{number} demonstrations, {len(self.radii)} radii and {len(signals)} "
@@ -69,9 +70,8 @@ class LabelledDemonstrations:
                         f"signal {name!r:.40} has shape {array.shape}, must be "
                         f"({len(motion.times)}, d)"
                     )
-        for radius in self.radii:
-            if radius is not None and not 0.0 < radius < math.inf:
-                raise ValueError(f"radius is {radius}; it must be positive [m]")
+        if not all(r is None or 0.0 < r < math.inf for r in self.radii):
+            raise ValueError(f"radii are {self.radii}; they must be positive [m]")
 
 
 def save_demonstrations(
@@ -125,8 +125,7 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
     file = demonstrations_file(path)
     if Path(path).is_dir() and not file.exists():
         raise FileNotFoundError(
-            f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes a "
-            "set of recordings"
+            f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes it"
         )
     regular_file(file, f"a set, a folder with {FILE}")
     try:

@@ -1,9 +1,8 @@
 """Size and heading of the observed path, relative to the demonstrated path.
 
 Doors of different radius give paths of different size, and a robot with a heading error
-observes the motion rotated about the vertical. Both change the direction from the start
-to the hand, as progress does. The path so far distinguishes them: a heading error
-rotates all of it, size determines its curvature, and progress moves along it.
+observes the motion rotated about the vertical. The path so far distinguishes both from
+progress: a heading error rotates all of it, size determines its curvature.
 """
 
 from __future__ import annotations
@@ -26,19 +25,18 @@ _SMOOTHING: Final = 20
 _SIZES: Final = 19
 """Number of likely sizes."""
 _OVERLAP: Final = 0.6
-"""Standard deviation of the sizes that one likely size represents, relative to the
-distance to the next, so that there are no gaps."""
+"""Standard deviation of the sizes that one likely size represents, in distances to the
+next."""
 _REACH: Final = 3.0
 """Range of likely sizes on each side, in standard deviations."""
-_NEAR: Final = 1e-3
-"""Least distance from the start used as a divisor of deviations [m]."""
-_NEAREST: Final = 1e-6
-"""Least divisor."""
+_NEAR, _NEAREST = 1e-3, 1e-6
+"""Least distances from the start used as divisors [m]."""
 _STILL: Final = 1e-3
 """Root mean square displacement below which a motion has no size [m]."""
 
 Sizes = Float[np.ndarray, " C"]
 Phases = Float[np.ndarray, " M"]
+Likely = Float[np.ndarray, " K"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,9 +105,8 @@ class SimilarityModel:
             tangent /= np.maximum(np.abs(tangent), _NEAREST)
             along = ((level - path) * tangent.conj()).real
             across = (level * np.exp(-1j * np.angle(path))).imag
-            lag, lateral_std = (
-                _smooth_std(e, config.least_std) for e in (along, across)
-            )
+            lag = _smooth_std(along, config.least_std)
+            lateral_std = _smooth_std(across, config.least_std)
         scatter = float((log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
@@ -139,17 +136,18 @@ class SimilarityModel:
         variances = [self.config.heading_std**2, 1.0, self.rate**2]
         covariance = np.zeros((3, 3, _STEPS.size))
         covariance += np.diag(variances)[:, :, None]
+        zero = np.zeros(_STEPS.size)
         return PathSimilarity(
             model=self,
-            log_variance=np.zeros(_STEPS.size),
-            squared_innovations=np.zeros(_STEPS.size),
+            log_variance=zero,
+            squared_innovations=zero,
             count=0,
             mean=np.zeros((3, _STEPS.size)),
             covariance=covariance,
-            phase=np.full(_STEPS.size, self.outward[1, 0]),
+            phase=zero + self.outward[1, 0],
             due=self.config.spacing,
-            angle=np.zeros(_STEPS.size),
-            angle_variance=np.full(_STEPS.size, self.config.heading_std**2),
+            angle=zero,
+            angle_variance=zero + self.config.heading_std**2,
         )
 
     def at(
@@ -327,40 +325,35 @@ class SizePosterior:
     """Posterior of the size of a path, and of the other quantities given K sizes."""
 
     model: SimilarityModel
-    log_sizes: Float[np.ndarray, " K"]
+    log_sizes: Likely
     """Logarithms of the sizes, log c."""
-    weights: Float[np.ndarray, " K"]
+    weights: Likely
     """p(c | path)."""
-    phase: Float[np.ndarray, " K"]
+    phase: Likely
     """Phase of the last position; angle, mean and covariance as in `PathSimilarity`."""
-    angle: Float[np.ndarray, " K"]
-    angle_variance: Float[np.ndarray, " K"]
+    angle: Likely
+    angle_variance: Likely
     """Variance of the angle over the sizes that this one represents [rad²]."""
     size_std: float
     """Standard deviation of log c among the sizes that one size represents."""
     mean: Float[np.ndarray, "3 K"]
     covariance: Float[np.ndarray, "3 3 K"]
-    scale: Float[np.ndarray, " K"]
+    scale: Likely
     """Factor on the variance of f, estimated from the innovations."""
-
-    def reweighted(self, weights: Float[np.ndarray, " K"]) -> SizePosterior:
-        """Return the posterior with other weights, which need not sum to one."""
-        return replace(self, weights=weights / weights.sum())
 
     @property
     def log_size(self) -> tuple[float, float]:
         """Mean and standard deviation of log c."""
-        weights, sizes = self.weights, self.log_sizes
-        mean = float((weights * sizes).sum())
-        return mean, math.sqrt(float((weights * (sizes - mean) ** 2).sum()))
+        mean = float((self.weights * self.log_sizes).sum())
+        square = float((self.weights * (self.log_sizes - mean) ** 2).sum())
+        return mean, math.sqrt(square)
 
     @property
     def heading(self) -> tuple[float, float]:
         """Mean and standard deviation of ψ [rad]."""
-        weights, turns = self.weights, self.mean[0]
-        mean = float((weights * turns).sum())
-        variance = self.covariance[0, 0] + (turns - mean) ** 2
-        return mean, math.sqrt(max(float((weights * variance).sum()), 0.0))
+        mean = float((self.weights * self.mean[0]).sum())
+        variance = self.covariance[0, 0] + (self.mean[0] - mean) ** 2
+        return mean, math.sqrt(max(float((self.weights * variance).sum()), 0.0))
 
     def forecast(
         self, phases: Phases
@@ -425,23 +418,20 @@ def size_visibility(
     """Return how well size and phase of a path can be distinguished, 0 to 1.
 
     A change of size of a path c p(s), θ(s) displaces its poses by (p, 0), a change of
-    phase by (p', θ'). For a straight path without rotation, the two are parallel
-    everywhere, and its size is not observable. It is observable by the distance of the
-    mean from a straight line and by its rotation. Each is divided by the deviation of
-    another repetition, σ² + n², with σ the deviation of the demonstrations and n the
-    error of observation. A root mean square of one such deviation along the path may be
-    random and gives 0; from two on the result is 1. The demonstrations are of equal
-    size and heading [m, rad].
+    phase by (p', θ'). For a straight path without rotation both are parallel, and its
+    size is not observable. It is observable by the distance of the mean from a straight
+    line and by its rotation, each divided by the deviation of another repetition, σ² +
+    n², with σ that of the demonstrations and n the error of observation. Up to one root
+    mean square the result is 0, from two on 1. The demonstrations are of equal size and
+    heading [m, rad].
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
     path = positions.mean(axis=0)
     line = np.linalg.eigh(path.T @ path)[1][:, -1]
     across = positions - (positions @ line)[..., None] * line
     ratios = []
-    for deviations, error in (
-        (across, config.position_std),
-        (rotations, config.rotation_std),
-    ):
+    errors = config.position_std, config.rotation_std
+    for deviations, error in zip((across, rotations), errors, strict=True):
         variance = error**2
         if len(poses) > 1:
             variance += deviations.var(axis=0, ddof=1).sum(axis=1).mean()

@@ -1,8 +1,8 @@
 """Geometry of a handle that is turned before its door opens.
 
-While a lever is turned, the hand moves on an arc about the lever's axis, which carries
-no information about the door. A point on the axis rests meanwhile and then moves on the
-door's circle. All poses are in the task frame.
+While a lever is turned, the hand moves on an arc about its axis, which carries no
+information about the door. A point on the axis rests meanwhile. All poses are in the
+task frame.
 """
 
 from __future__ import annotations
@@ -168,9 +168,8 @@ def _turned_first(
         lasts.append(poses[-1, 3:] / angles[-1])
         rotvecs = poses[: turned + 1, 3:].copy()
         rotations = scipy.spatial.transform.Rotation.from_rotvec(rotvecs)
-        rows.append(
-            rotations.as_matrix().reshape(-1, 3) - np.tile(np.eye(3), (turned + 1, 1))
-        )
+        turns = rotations.as_matrix().reshape(-1, 3)
+        rows.append(turns - np.tile(np.eye(3), (turned + 1, 1)))
         sides.append(-poses[: turned + 1, :3].ravel())
     first = np.mean(firsts, axis=0)
     first = first / math.sqrt(float(first @ first))

@@ -8,8 +8,7 @@ deviation of one output is a process of the same variance r(t) with covariance
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
-never exceeds the spread, u = r − v is the rest, and k is a unit RBF. A wobble of a
-constant *share* of r would make the millimetres at early phases unpredictable.
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF.
 
 The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
 to zero, which leaves D − 1 independent ones
@@ -18,29 +17,22 @@ to zero, which leaves D − 1 independent ones
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
 
 This likelihood mainly depends on the variation between neighbouring samples; a forecast
-needs the variation over half a task. Therefore one factor on the wobble variances c of
-all outputs is selected by `forecast_score`: each demonstration in turn is compared to
-the mean of the others, its start is conditioned on, and the rest is scored by its
-Student-t density (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
+needs that over half a task. Therefore one factor on the wobble variances c of all
+outputs is selected by `forecast_score`: each demonstration in turn is compared to the
+mean of the others, its start is conditioned on, and the rest is scored by its Student-t
+density (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import scipy
 
 from gplfd_policies.arrays.resolution import thinned
-from gplfd_policies.arrays.shapes import (
-    Curve,
-    Curves,
-    Float,
-    Gram,
-    OutputCurves,
-    Outputs,
-    Times,
-)
+from gplfd_policies.arrays.shapes import Curve, Curves, Float, Gram, Outputs, Times
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
 
@@ -52,18 +44,16 @@ _GRID = 60
 _NEGLIGIBLE = 1e-4
 """Where r is below this fraction of its average, deviations are negligible."""
 _LONG = (0.3, 5.0)
-"""Range of L, as a fraction of the time span; forecasts hardly depend on it
-(docs/method.md)."""
+"""Range of L, as a fraction of the time span; forecasts hardly depend on it."""
 _SHORT = (0.1, 0.5)
-"""Range of S: a shorter correlation could not be distinguished from white noise, and an
-agent would attribute the noise of its own hand to the door (docs/method.md)."""
+"""Range of S: an agent would attribute the noise of its own hand to the door if shorter
+correlations, like white noise, were allowed (docs/method.md)."""
 _SHARPNESS = 2.0
 """p, sharpness of the transition of the wobble from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
 MODEL_WORTH = Fraction(35, 3)
-"""Weight of the model's covariance, in independent deviations. Its influence is small
-(docs/method.md)."""
+"""Weight of the model's covariance, in independent deviations (docs/method.md)."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
@@ -77,8 +67,7 @@ _STARTS = (0.2, 0.35, 0.5)
 def conjugate_share(count: int) -> float:
     """Return the demonstrations' share (D − 1)/(w + D − 1) of a deviation's covariance.
 
-    It is that of the posterior mean (w C_model + S)/(w + D − 1) with an inverse-Wishart
-    prior of the weight of w deviations, S = Σ_k e_k e_kᵀ
+    It is that of the posterior mean with an inverse-Wishart prior of w deviations
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
     """
     return float((count - 1) / (MODEL_WORTH + count - 1))
@@ -97,6 +86,13 @@ class DeviationProcess:
     long_scale: float
     short_scale: float
     """S; scales are in the unit of time."""
+
+    def __post_init__(self) -> None:
+        within = 0.0 <= self.varying <= 1.0 and 0.0 <= self.white <= 1.0
+        if not (self.wobble > 0.0 and within):
+            raise ValueError(
+                f"wobble must be positive and shares within [0, 1], got {self}"
+            )
 
     def split(self, noise: Curve) -> tuple[Curve, Curve]:
         """r(t) as (u(t), v(t)): task variation and wobble."""
@@ -139,12 +135,8 @@ class DeviationLikelihood:
         kept = thinned(len(times), _GRID)
         kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
         chosen = deviations[:, kept]
-        return cls(
-            times=times[kept],
-            noise=noise[kept],
-            scatter=chosen.T @ chosen,
-            free=len(deviations) - 1,
-        )
+        scatter, free = chosen.T @ chosen, len(deviations) - 1
+        return cls(times=times[kept], noise=noise[kept], scatter=scatter, free=free)
 
     def process(self, theta: Parameters) -> DeviationProcess:
         """Return the covariance for θ."""
@@ -165,9 +157,8 @@ class DeviationLikelihood:
         )
         factor = factorise(covariance)
         inverse = factor.solve(np.eye(len(self.times)))
-        value = -0.5 * (
-            self.free * factor.log_determinant() + float(np.sum(inverse * self.scatter))
-        )
+        misfit = float(np.sum(inverse * self.scatter))
+        value = -0.5 * (self.free * factor.log_determinant() + misfit)
         # d log p = ½ tr((C⁻¹ scatter C⁻¹ − (D − 1) C⁻¹) dC)
         sensitivity = 0.5 * (inverse @ self.scatter @ inverse - self.free * inverse)
         # tr(sensitivity · dC/dθ) for every parameter.
@@ -196,8 +187,7 @@ class DeviationLikelihood:
 def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
     """Fit the covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
     likelihood = DeviationLikelihood.of(times, deviations, noise)
-    average = float(np.mean(noise))
-    span = float(times[-1] - times[0])
+    average, span = float(np.mean(noise)), float(times[-1] - times[0])
 
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = likelihood(theta)
@@ -210,25 +200,20 @@ def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationP
         tuple(np.log(np.multiply(_LONG, span))),
         tuple(np.log(np.multiply(_SHORT, span))),
     ]
-    results = [
-        scipy.optimize.minimize(
-            objective,
-            np.array(
-                [np.log(size * average), -3.0, 0.0, np.log(span), np.log(0.2 * span)]
-            ),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-        )
+    starts = [
+        np.array([np.log(size * average), -3.0, 0.0, np.log(span), np.log(0.2 * span)])
         for size in (1e-3, 1e-1)
     ]
-    return likelihood.process(min(results, key=lambda result: result.fun).x)
+    search = partial(
+        scipy.optimize.minimize, objective, jac=True, method="L-BFGS-B", bounds=bounds
+    )
+    return likelihood.process(min(map(search, starts), key=lambda found: found.fun).x)
 
 
 def wobbling(
     processes: Sequence[DeviationProcess],
     times: Times,
-    deviations: OutputCurves,
+    deviations: Float[np.ndarray, "D M 6"],
     noise: Outputs,
 ) -> tuple[DeviationProcess, ...]:
     """Return the processes with the wobble that best forecasts left-out demonstrations.
@@ -243,6 +228,7 @@ def wobbling(
         for factor in _FACTORS.tolist()
     ]
     share = conjugate_share(len(deviations))
+    spreads, parts = noise[thin].T, np.moveaxis(deviations[:, thin], 2, 0)
 
     def score(choice: Sequence[DeviationProcess]) -> float:
         return sum(
@@ -252,22 +238,14 @@ def wobbling(
                 curves,
                 share,
             )
-            for process, spread, curves in zip(
-                choice,
-                noise[thin].T,
-                np.moveaxis(deviations[:, thin], 2, 0),
-                strict=True,
-            )
+            for process, spread, curves in zip(choice, spreads, parts, strict=True)
         )
 
     return max(choices, key=score)
 
 
 def forecast_score(
-    smooth: Gram,
-    white: Curve,
-    deviations: Curves,
-    empirical_share: float,
+    smooth: Gram, white: Curve, deviations: Curves, empirical_share: float
 ) -> float:
     """Mean log density of the rest of a demonstration, over D ≥ 3 of them and starts.
 

@@ -1,9 +1,8 @@
 """Evidence of repeated demonstrations, and kernel and noise that maximise it.
 
-Aligned demonstrations are D observations at each of M common times. For noise that is
-independent between observations, the D·M values enter the Gaussian-process likelihood
-(Eq. (7) with the noise of Eq. (10)) only through the M averages and the M within-time
-sums of squares:
+Aligned demonstrations are D observations at each of M common times. With noise that is
+independent between observations, they enter the Gaussian-process likelihood (Eq. (7)
+with the noise of Eq. (10)) only through M averages and M within-time sums of squares:
 
     log p(Y) = log N(ȳ | m, K + diag(r/D))
              + Σ_i [ −(D−1)/2 log(2π r_i) − ½ log D − SS_i/(2 r_i) ]
@@ -27,9 +26,6 @@ S = F₀ F₀ᵀ, the posterior of Eqs. (10)–(11) is
 
 a sum of squares, so variances are positive without any jitter
 (``test_spectral_posterior_equals_dense``).
-
-Repeated demonstrations determine the noise well. Trying three length-scales and
-refining the best one therefore reaches the same optimum as thirty random starts.
 """
 
 from collections.abc import Callable
@@ -45,10 +41,10 @@ from gplfd_policies.gp.kernels import RBF, SIZES, LegendreBasis
 
 _RANK_TOLERANCE = 1e-16
 """Eigenvalues below this share of the largest are rounding."""
-_LONGEST = 3.0
-"""Longest length-scale, as a fraction of the time span."""
+_LONGEST = 3.0  # longest length-scale, as a fraction of the time span
 _SCREENED = (0.1, 0.2, 0.4)
-"""Length-scales tried before the search, as fractions of the time span."""
+"""Length-scales tried before the search, as fractions of the time span: the noise is
+known well, so the best one leads to the same optimum as thirty random starts."""
 _LOG_SIGNAL = (np.log(1e-3), np.log(1e2))
 _LOG_SCALE = (np.log(1e-10), np.log(1e2))
 
@@ -62,10 +58,7 @@ covariance F Fᵀ."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
-    """Sufficient statistics of D (`count`) observations at each of M times.
-
-    They are the average ȳ and the sum of squared deviations SS from it.
-    """
+    """Sufficient statistics of D (`count`) observations at M times: ȳ and SS."""
 
     times: Times
     mean: Curve
@@ -254,10 +247,9 @@ def _search(
 def _maximise(
     evidence: Evidence, span: float, shortest: float, replicates: Replicates | None
 ) -> tuple[RBF, float]:
-    """Return kernel and noise scale c of greatest evidence; c = 1 if noise is known.
+    """Return kernel and noise scale c of greatest evidence; c = 1 without replicates.
 
-    The noise is unknown where the replicates are given whose rest of the likelihood
-    depends on it.
+    The replicates have the rest of the likelihood, which depends on the noise.
     """
     free = 2 if replicates is None else 3
 

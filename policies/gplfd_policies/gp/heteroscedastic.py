@@ -35,9 +35,8 @@ class HeteroscedasticGP:
 
     Replicates, kernel and noise are those of the output minus its offset, over its
     scale. The offset is the average of the output, or zero for the residual of a given
-    prior mean (`gplfd_policies.movements.prior_mean`). So the prior mean is the
-    demonstrations' average; in the paper it is zero. This only matters outside the
-    demonstrated interval.
+    prior mean. So the prior mean is the demonstrations' average; in the paper it is
+    zero, which only matters outside the demonstrated interval.
     """
 
     offset: float
@@ -120,10 +119,7 @@ class MultiOutputGP:
 
     @cached_property
     def _spectral(self) -> tuple[LegendreBasis, list[Posterior]] | None:
-        """The common basis and the posterior of each output in it.
-
-        None if a length-scale is too short for every basis.
-        """
+        """The common basis and the posteriors in it; None for too short a scale."""
         times = self.outputs[0].replicates.times
         basis = LegendreBasis.for_length_scale(
             float(times[0]), float(times[-1]), self.shortest_length_scale
@@ -144,9 +140,8 @@ class MultiOutputGP:
             return None
         coarse, posteriors = self._spectral
         # A variance is a square: twice the degree of the posterior it comes from.
-        basis = LegendreBasis(
-            start=coarse.start, stop=coarse.stop, size=2 * coarse.size
-        )
+        start, stop, size = coarse.start, coarse.stop, 2 * coarse.size
+        basis = LegendreBasis(start=start, stop=stop, size=size)
         nodes = basis.nodes
         matrix = coarse.matrix(nodes)
         curves = (

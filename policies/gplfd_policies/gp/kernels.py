@@ -66,8 +66,8 @@ class RBF:
     ) -> Float[np.ndarray, "A terms"]:
         """φ with k(a, b) = φ(a) φ(b)ᵀ, from the power series of exp(u_a u_b).
 
-        φ_n(t) = σ_f exp(−u²/2) uⁿ/√n! with u = (t − centre)/l; the rest after ``terms``
-        of them vanishes where u² is well below ``terms``.
+        φ_n(t) = σ_f exp(−u²/2) uⁿ/√n! with u = (t − centre)/l; the rest vanishes where
+        u² is well below ``terms``.
         """
         scaled = (times - centre)[:, None] / self.length_scale
         powers = np.arange(terms)
@@ -91,19 +91,13 @@ class RBF:
         return np.stack([scaled**2 * values, 2.0 * values])
 
 
-@lru_cache(maxsize=16)
-def _unit_tables(
-    size: int,
-) -> tuple[
-    Float[np.ndarray, " Q"],
-    Float[np.ndarray, " Q"],
-    Float[np.ndarray, " Q"],
-    Float[np.ndarray, "Q Q"],
-]:
-    """Return nodes, √w, barycentric weights, and the matrix of differentiation.
+Nodes = Float[np.ndarray, " Q"]
+Square = Float[np.ndarray, "Q Q"]
 
-    They depend on the size of the basis only; interval [−1, 1].
-    """
+
+@lru_cache(maxsize=16)
+def _unit_tables(size: int) -> tuple[Nodes, Nodes, Nodes, Square]:
+    """Return nodes, √w, barycentric weights and differentiation on [−1, 1]."""
     nodes, _ = leggauss(size)
     table = legvander(nodes, size)
     # From P_q' = q (x P_q − P_{q−1}) / (x² − 1); NumPy's own weights would make slopes
@@ -199,12 +193,9 @@ class LegendreBasis:
         """√w_i k(x_i, x_j) √w_j: the kernel in this basis."""
         return self.weigh(kernel(self.nodes, self.nodes))
 
-    def weigh(
-        self, values: Float[np.ndarray, "... Q Q"]
-    ) -> Float[np.ndarray, "... Q Q"]:
+    def weigh(self, values: Float[np.ndarray, "*B Q Q"]) -> Float[np.ndarray, "*B Q Q"]:
         """Convert covariances between nodes to coefficients of this basis."""
-        root = self.root_weights
-        return np.asarray(root[:, None] * values * root)
+        return np.asarray(self.root_weights[:, None] * values * self.root_weights)
 
 
 @lru_cache(maxsize=4)

@@ -25,10 +25,9 @@ from gplfd_policies.gp.kernels import RBF, LegendreBasis
 
 _LEAST_VARIANCE = 1e-10
 """Smallest observation of exp z(t), relative to the variance of the output."""
-_SHORTEST_SCALE = 0.15
-"""Shortest length-scale of z(t) by default, as a share of the time span."""
-_LEAST_SCALE = 0.1
-"""Least value of it that the basis can express."""
+_SHORTEST_SCALE, _LEAST_SCALE = 0.15, 0.1
+"""Shortest length-scale of z(t) as a share of the time span: by default, and the least
+that the basis can express."""
 _BASIS_SIZE = 48
 LEAST_SPREAD = 3e-3
 """By default, the least standard deviation of repetitions, relative to that of the
@@ -41,8 +40,7 @@ _OFFSET_VARIANCE = 1e2
 class NoiseProfile:
     """A noise variance r(t) = exp z(t) + floor > 0, smooth in time.
 
-    z(t) is a constant level plus a varying part, given by coefficients in a basis.
-    Outside the interval of the basis it keeps the value of the nearer end.
+    z(t) is a level plus a curve in a basis, constant outside the basis's interval.
     """
 
     level: float
@@ -202,10 +200,10 @@ class KerstingNoise(Quantities):
     """The paper's estimate: Kersting's "most likely" iteration.
 
     A homoscedastic process is fitted first; each observation then gives
-    z = log ½((y − μ)² + s²), with μ and s² the current prediction (the closed form of
-    Kersting's sampled expectation); a second process smooths z; and the loop repeats
-    with r = exp z. The fixed point is biased: the standard deviation converges to about
-    0.81 of the truth. r can at most halve per pass, so few passes do not converge.
+    z = log ½((y − μ)² + s²), with the current prediction μ and s²; a second process
+    smooths z; and the loop repeats with r = exp z. The fixed point is biased: the
+    standard deviation converges to about 0.81 of the truth. r can at most halve per
+    pass, so few passes do not converge.
     """
 
     n_iterations: int = quantity(10, low=1)

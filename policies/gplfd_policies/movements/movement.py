@@ -1,7 +1,7 @@
-"""The interface of learned movements: distributions over poses, and via-points.
+"""The interface of learned movements: distributions over poses at any phase.
 
-Movements are `gplfd_policies.movements.skill.Skill` and the baselines. They predict a
-distribution over poses at any phase; most of them adapt to via-points.
+Movements are `gplfd_policies.movements.skill.Skill` and the baselines; most of them
+adapt to via-points.
 """
 
 import csv
@@ -19,21 +19,14 @@ import scipy
 
 from gplfd_policies.arrays.records import own_arrays, owned, short_repr
 from gplfd_policies.arrays.resolution import FINEST, interpolated
-from gplfd_policies.arrays.shapes import (
-    Bool,
-    Covariances,
-    Float,
-    Int,
-    Outputs,
-    Pose,
-    Times,
-)
+from gplfd_policies.arrays.shapes import Bool, Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.path_similarity import SizePosterior
 
 Moments = tuple[Outputs, Outputs]
 """Mean and standard deviation at M phases, or mean and variance."""
+Poses = Float[np.ndarray, "*K M 6"]
 
 CSV_COLUMNS: Final = (
     "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"
@@ -103,19 +96,18 @@ class GaussianTrajectory:
             raise ValueError(
                 f"differences need strictly increasing phases, got {times}."
             )
-
-        def rate(curve: np.ndarray) -> np.ndarray:
-            if len(times) < 2:
-                return np.zeros_like(curve)
-            gradient: np.ndarray = np.gradient(curve, times, axis=0)
-            return gradient
-
+        mean_rate, std_rate = (
+            np.gradient(curve, times, axis=0)
+            if len(times) > 1
+            else np.zeros_like(curve)
+            for curve in (mean, std)
+        )
         return cls(
             times=times,
             mean=mean,
             std=std,
-            mean_rate=rate(mean),
-            std_rate=rate(std),
+            mean_rate=mean_rate,
+            std_rate=std_rate,
             covariance_function=covariance_function,
         )
 
@@ -124,31 +116,27 @@ class GaussianTrajectory:
         """Covariance over time of every output; computed on first use."""
         return owned(self.covariance_function())
 
-    def __getitem__(
-        self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
-    ) -> "GaussianTrajectory":
+    def __getitem__(self, rows: slice | np.ndarray) -> "GaussianTrajectory":
         """Return the same distribution at some of its times."""
         return replace(
             self,
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
-            covariance_function=partial(_covariance_between, self, rows),
+            covariance_function=partial(self._covariance_between, rows),
         )
+
+    def _covariance_between(self, rows: slice | np.ndarray) -> np.ndarray:
+        return self.covariance[:, rows][:, :, rows]
 
     def interval(self, level: float = 0.95) -> tuple[Outputs, Outputs]:
         """Return the bounds of the central intervals that hold ``level``, in (0, 1).
 
-        Uses Student-t quantiles where `degrees_of_freedom` is given: with few
-        demonstrations the spread itself is uncertain.
+        Student-t quantiles are used where `degrees_of_freedom` is given.
         """
         width = self._quantile(level) * self.std
         return self.mean - width, self.mean + width
 
     def inside(
-        self,
-        poses: Float[np.ndarray, "*K M 6"],
-        level: float = 0.95,
-        *,
-        normal: bool = False,
+        self, poses: Poses, level: float = 0.95, *, normal: bool = False
     ) -> Bool[np.ndarray, "*K M 6"]:
         """Return which numbers of ``poses`` are inside their central intervals.
 
@@ -159,11 +147,7 @@ class GaussianTrajectory:
         return np.asarray(np.abs(poses - self.mean) <= width)
 
     def coverage(
-        self,
-        poses: Float[np.ndarray, "*K M 6"],
-        level: float = 0.95,
-        *,
-        normal: bool = False,
+        self, poses: Poses, level: float = 0.95, *, normal: bool = False
     ) -> float:
         """Return the share of the numbers of ``poses`` that are `inside`.
 
@@ -175,12 +159,11 @@ class GaussianTrajectory:
         inside = self.inside(poses, level, normal=normal)
         return float(np.mean(inside[~np.isnan(poses)]))
 
-    def nlpd(self, poses: Float[np.ndarray, "*K M 6"]) -> float:
+    def nlpd(self, poses: Poses) -> float:
         """Return the negative log predictive density per number: less is better.
 
         It is the mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of
-        ``poses`` at `times` [m, rad]. NaN in ``poses`` is ignored; without standard
-        deviations the result is NaN.
+        ``poses`` at `times` [m, rad] but NaN; NaN without standard deviations.
         """
         std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
@@ -199,13 +182,11 @@ class GaussianTrajectory:
     def to_csv(self, path: str | Path, *, duration: float) -> None:
         """Write the trajectory to a table for a robot, complete or absent.
 
-        `CSV_COLUMNS` are its columns. There is one row per time, so predict at the
-        times that the robot needs::
+        Its columns are `CSV_COLUMNS`, its rows the times, so predict at the times that
+        the robot needs. The duration is that of phases 0 to 1 [s]::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
-
-        The duration is that of phases 0 to 1 [s], such as ``skill.duration``.
 
         Raises:
             ValueError: if the duration is not positive and finite, the times do not
@@ -232,14 +213,6 @@ class GaussianTrajectory:
 
 
 _ARRAYS = ("times", "mean", "std", "mean_rate", "std_rate")
-
-
-def _covariance_between(
-    trajectory: GaussianTrajectory, rows: slice | np.ndarray
-) -> Float[np.ndarray, "6 N N"]:
-    """Covariance between some of the times of a trajectory."""
-    between: np.ndarray = trajectory.covariance[:, rows][:, :, rows]
-    return between
 
 
 def white_covariance(variance: Outputs) -> Covariances:
@@ -282,12 +255,12 @@ class ViaPoint:
                 "A via-point pose has six finite entries (x, y, z, θu_x, θu_y, θu_z), "
                 f"or NaN for outputs left free; got {pose} of shape {pose.shape}."
             )
-        std = _of_outputs("std", self.std)
-        if not (std >= 0.0).all():
-            raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
-        along = _of_outputs("along", self.along)
-        if not np.isfinite(along).all():
-            raise ValueError(f"A via-point's along must be finite, got {along}.")
+        std, along = _of_outputs("std", self.std), _of_outputs("along", self.along)
+        if not ((std >= 0.0).all() and np.isfinite(along).all()):
+            raise ValueError(
+                "A via-point's std must be >= 0 and its along finite, got "
+                f"{std} and {along}."
+            )
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "std", std)
         object.__setattr__(self, "along", along)
@@ -296,8 +269,7 @@ class ViaPoint:
     def own_variance(self) -> Pose:
         """σ_v² of every output; infinite for unconstrained outputs."""
         std = np.asarray(self.std)
-        variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
-        return variance
+        return np.asarray(np.where(np.isnan(self.pose), np.inf, std) ** 2)
 
     @property
     def noise_variance(self) -> Pose:
@@ -337,7 +309,7 @@ class Predictor(Protocol):
 
 @runtime_checkable
 class Movement(Predictor, Protocol):
-    """A movement learned from aligned demonstrations."""
+    """Something that predicts, learned from aligned demonstrations."""
 
     @property
     def aligned(self) -> AlignedDemonstrations:
@@ -383,9 +355,8 @@ class LearnedMovement:
         lasting = f"{self.duration * self.aligned.end:.3g} s"
         if self.aligned.end < 1.0:
             lasting += f", continued to {self.duration:.3g} s"
-        return (
-            f"{type(self).__name__}({count} demonstrations, {phases} phases, {lasting})"
-        )
+        name = type(self).__name__
+        return f"{name}({count} demonstrations, {phases} phases, {lasting})"
 
 
 class MomentMovement(LearnedMovement, ABC):
@@ -410,8 +381,7 @@ class MomentMovement(LearnedMovement, ABC):
 class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
-    For methods without uncertainty. Between phases the demonstrations are interpolated;
-    for a single demonstration σ = 0.
+    For methods without uncertainty; between phases the demonstrations are interpolated.
     """
 
     def __init__(self, aligned: AlignedDemonstrations) -> None:

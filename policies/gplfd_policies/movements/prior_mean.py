@@ -1,8 +1,7 @@
 """Prior means of movements, and learning around them.
 
 A Gaussian process with the prior mean m(t) of Eq. (1) is m(t) plus a process of prior
-mean zero, learned from the residual y − m(t). Variances do not depend on m(t), and
-via-points are shifted
+mean zero, learned from the residual y − m(t), with the same variances
 (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
@@ -45,10 +44,9 @@ class PriorMean(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class PosePath:
-    """A prior mean through given poses.
+    """A prior mean through given poses, each output by a cubic without overshoot.
 
-    Between the poses each output follows a cubic without overshoot. Before the first
-    and after the last pose it is constant.
+    Before the first and after the last pose it is constant.
 
     Raises:
         ValueError: If a shape is wrong, an entry is not finite, or the phases do not
@@ -93,24 +91,6 @@ class PosePath:
         return rate
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stretched:
-    """A prior mean for a task longer by a factor: phase s maps to s × factor."""
-
-    of: PriorMean
-    """The prior mean of the shorter task."""
-    factor: float
-    """Ratio of the durations."""
-
-    def mean(self, times: Times) -> Outputs:
-        """Poses [m, rad] at phases of the longer task."""
-        return self.of.mean(self.factor * times)
-
-    def rate(self, times: Times) -> Outputs:
-        """Derivative of the poses, per unit phase of the longer task."""
-        return self.factor * self.of.rate(self.factor * times)
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ResidualMovement(LearnedMovement):
     """A prior mean and a movement learned from the residual; made by `fit_residual`."""
@@ -119,16 +99,30 @@ class ResidualMovement(LearnedMovement):
     residual: Movement
     """Movement learned from the demonstrations minus m(t), with prior mean zero."""
 
+    def expected(self, times: Times) -> Outputs:
+        """Poses m(t) at phases of the continued demonstrations [m, rad]."""
+        return _stretched(self.prior_mean, self.aligned, times)
+
+    def raised(self, rest: GaussianTrajectory) -> GaussianTrajectory:
+        """Add the prior mean to a distribution of the residual."""
+        factor = 1.0 / self.aligned.end
+        rate = factor * self.prior_mean.rate(factor * rest.times)
+        return replace(
+            rest,
+            mean=rest.mean + self.expected(rest.times),
+            mean_rate=rest.mean_rate + rate,
+        )
+
     def save(self, path: str | Path) -> None:
         """Raise an error: a prior mean may be any code, so it cannot be saved."""
         raise ValueError(
-            f"a movement around a prior mean cannot be saved to {path}: the prior mean "
-            "may be any code. Save the demonstrations, and learn from them again"
+            f"a movement around a prior mean cannot be saved to {path}: save the "
+            "demonstrations, and learn from them again"
         )
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at ``times``; far from demonstrations, the prior mean."""
-        return _raised(self.residual.predict(times), self.prior_mean)
+        return self.raised(self.residual.predict(times))
 
 
 def fit_residual(
@@ -136,20 +130,27 @@ def fit_residual(
     prior_mean: PriorMean,
     fit: Callable[[AlignedDemonstrations], Movement],
 ) -> ResidualMovement:
-    """Learn a movement around a prior mean.
+    """Learn a movement around a prior mean on phases of the demonstrations.
 
-    The fit must use a prior mean of zero: ``partial(fit_skill, centred=False)``.
+    They are 0 to 1 for what was demonstrated, and later ones for its continuation. The
+    fit must use a prior mean of zero: ``partial(fit_skill, centred=False)``.
     """
-    expected = np.asarray(prior_mean.mean(aligned.times))
+    expected = np.asarray(_stretched(prior_mean, aligned, aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
         raise ValueError(
             f"a prior mean must give a finite pose at each of {len(aligned.times)} "
             f"phases, an array of shape {aligned.poses.shape[1:]}; got {expected}"
         )
-    # Phases are treated as certain: a late repetition is late on m(t), too, which the
-    # residual cannot express.
+    # A late repetition is late on m(t), too, which the residual cannot express.
     rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
     return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
+
+
+def _stretched(
+    prior_mean: PriorMean, aligned: AlignedDemonstrations, times: Times
+) -> Outputs:
+    """Return m(t) of a task that its continuation makes longer."""
+    return prior_mean.mean(1.0 / aligned.end * times)
 
 
 class ResidualAdaptation:
@@ -158,22 +159,19 @@ class ResidualAdaptation:
     def __init__(
         self, form: AdaptationForm, movement: ResidualMovement, grid: Times
     ) -> None:
-        self._prior_mean = movement.prior_mean
-        self._expected = movement.prior_mean.mean(grid)
+        self._movement, self._expected = movement, movement.expected(grid)
         self._residual = form(movement.residual, grid)
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on another via-point, in place."""
         # Unconstrained outputs stay unconstrained.
-        expected = self._prior_mean.mean(np.array([via_point.phase]))[0]
+        expected = self._movement.expected(np.array([via_point.phase]))[0]
         self._residual.observe(replace(via_point, pose=via_point.pose - expected))
 
     @property
     def mean(self) -> Outputs:
-        """Current mean on the grid [m, rad], read-only."""
-        mean: np.ndarray = self._expected + self._residual.mean
-        mean.setflags(write=False)
-        return mean
+        """Current mean on the grid [m, rad]."""
+        return np.asarray(self._expected + self._residual.mean)
 
     @property
     def std(self) -> Outputs:
@@ -182,11 +180,4 @@ class ResidualAdaptation:
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""
-        return _raised(self._residual.trajectory(), self._prior_mean)
-
-
-def _raised(rest: GaussianTrajectory, prior_mean: PriorMean) -> GaussianTrajectory:
-    """Add the prior mean to the distribution of a residual."""
-    mean = rest.mean + prior_mean.mean(rest.times)
-    rate = rest.mean_rate + prior_mean.rate(rest.times)
-    return replace(rest, mean=mean, mean_rate=rate)
+        return self._movement.raised(self._residual.trajectory())

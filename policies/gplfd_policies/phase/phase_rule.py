@@ -1,10 +1,9 @@
 """Phase rules: estimation of the phase of an observed pose.
 
 The policy of Arduengo et al., arXiv:2002.09979, is a function of time, but a compliant
-robot lags behind the clock. Conditioning on "at clock time t the hand is here" makes
-the policy learn its own lag. Progress is therefore estimated from the path: the phase
-of an observation is the one at which the *demonstrations* are nearest to it, corrected
-for the heading error estimated from the path so far.
+robot lags behind the clock, and a policy conditioned on clock times learns its own lag.
+Therefore the phase of an observation is the one at which the *demonstrations* are
+nearest to it, corrected for the heading error estimated from the path so far.
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.validation.fields import Quantities, check_quantities, quantity
+from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
@@ -46,18 +45,8 @@ _FEATURES: Final = 6
 """Number of features of a pose."""
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
-slip of the grasp; rotation [rad], turning of the hand on the bar. A friction grasp
-transmits a few tenths of a newton metre: under load the hand turns before the door
-does, and its rotation alone would indicate a door angle that was not reached."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PhaseNoise(Quantities):
-    """Phase observation noise: standard deviations of position and rotation."""
-
-    position: float = quantity(POSE_ERROR[0], low=0.0, unit="m")
-
-    rotation: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
+slip of the grasp; rotation [rad], turning of the hand on the bar, which under load
+precedes that of the door."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +60,7 @@ class PhaseEstimate:
     """Root mean square of the features' errors over their standard deviations near
     these phases: about 1 or less is as expected; NaN for a rule without comparison."""
     sizes: Sequence[SizePosterior] = ()
-    """Estimates of size and heading from the paths so far, one per pose; empty for a
-    rule that does not estimate them."""
+    """Estimates of size and heading from the paths so far, one per pose, or none."""
 
 
 @runtime_checkable
@@ -94,11 +82,8 @@ class PhaseRule(Protocol):
     ) -> PhaseEstimate:
         """Return the phases of observed poses, and their uncertainty.
 
-        Args:
-            poses: Hand poses of these rows, task frame [m, rad].
-            previous: Phases of their last observations, 0 at the start of the task.
-            command: Phases of their set-points.
-            rows: The rows of these poses.
+        Poses [m, rad] are in the task frame; ``previous`` are the phases of their last
+        observations, 0 at the start of the task, ``command`` those of their set-points.
         """
 
     def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
@@ -106,10 +91,7 @@ class PhaseRule(Protocol):
 
 
 class ClockPhase:
-    """The phase of an observation is that of the command, i.e. time, as in the paper.
-
-    A hand that lags behind its command teaches the policy its lag.
-    """
+    """The phase of an observation is that of the command, as in the paper."""
 
     settings: object = ()
 
@@ -137,13 +119,15 @@ class ClockPhase:
 class PathPhaseConfig:
     """Settings of the estimation of the phase from the path."""
 
-    noise: PhaseNoise = field(default_factory=PhaseNoise)
-    """Errors of the observed pose beyond the demonstrations' spread."""
+    position_noise: float = quantity(POSE_ERROR[0], low=0.0, unit="m")
+    """n_v: error of the observed position beyond the demonstrations' spread [m]."""
+    rotation_noise: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
+    """n_θ: that of the observed rotation [rad]."""
     similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
     """Estimation of size and heading error."""
     distance_share: float = quantity(0.03, low=0.0)
     """Additional standard deviation of the distance from the start, as a share of the
-    distance. Tuned."""
+    distance. Tuned: κ."""
     window: tuple[float, float] = (0.02, 0.05)
     """Greatest change of the phase per observation: backward, forward."""
     least_std: float = quantity(0.003, above=0.0)
@@ -179,23 +163,19 @@ class PathPhase:
                    + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
 
     with the demonstrations' means ρ̄(s), û(s), θ̄(s) (ρ̄ and û after normalisation to
-    equal size and heading), their variances σ(s)², ς(s)², the errors n of `PhaseNoise`
-    and κ, `PathPhaseConfig.distance_share`. The phase has the least cost -2 log Σ_c w_c
-    exp(-d²(s, c)/2). The weights w_c, angles α_c and variances v_c of the sizes are
-    those of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. The
-    logarithms that would make it a likelihood are left out, because they favour early
-    phases, where the demonstrations agree, over the hand's progress.
+    equal size and heading), their variances σ(s)², ς(s)² and the symbols of
+    `PathPhaseConfig`. The phase has the least cost -2 log Σ_c w_c exp(-d²(s, c)/2). The
+    weights w_c, angles α_c and variances v_c of the sizes are those of
+    `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. The logarithms that
+    would make it a likelihood are left out, because they favour early phases, where the
+    demonstrations agree, over the hand's progress.
 
-    The standard deviation of the phase follows from the curvature of the cost. The
-    misfit √(E d²/6) at the best phase is about 1 or less if errors are as expected. If
-    it is larger, the standard deviation grows with it (Birge's ratio); above
-    `lost_misfit` the phase is searched along the whole task and not only near the last
-    phase.
+    The standard deviation of the phase follows from the curvature of the cost. If the
+    misfit √(E d²/6) at the best phase is above 1, it grows with it (Birge's ratio);
+    above `lost_misfit` the phase is searched along the whole task.
 
     The distribution before adaptation is used, so that the policy's adaptation to the
-    robot's own errors does not affect the estimate. It is predicted by the learned
-    movement or, for a method without uncertainty, by
-    `gplfd_policies.movements.movement.EmpiricalDistribution`; it must be finite.
+    robot's own errors does not affect the estimate; it must be finite.
     """
 
     def __init__(
@@ -213,7 +193,7 @@ class PathPhase:
                 f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
                 "EmpiricalDistribution(aligned) instead"
             )
-        handle, means, noise = turned_handle(aligned), prediction.mean, config.noise
+        handle, means = turned_handle(aligned), prediction.mean
         if handle is not None:
             aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
             split = map(handle.swing_twist, means[:, 3:].tolist())
@@ -236,7 +216,7 @@ class PathPhase:
                 means[:, 3:].T,
                 direction.T,
                 others[0],
-                1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
+                1.0 / (prediction.std[:, 3:].T ** 2 + config.rotation_noise**2),
                 others[1:],
             ]
         )
@@ -331,7 +311,8 @@ class PathPhase:
                 if anywhere[2] < self.settings.clearer_share * best[2]:
                     best, weights = anywhere, others
             estimates.append(best)
-            sizes.append(self._similarities[number].posterior.reweighted(weights))
+            weights = weights / weights.sum()
+            sizes.append(replace(self._similarities[number].posterior, weights=weights))
         phases, stds, misfits = np.array(estimates).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 
@@ -373,8 +354,8 @@ class PathPhase:
     ]:
         """Return the cost of observed features (7, *N) along ranges of the grid.
 
-        Also the expectation of d² over sizes, and the weights max_s w_c exp(-d²(s,
-        c)/2) of the sizes, up to a factor: the fit of a size at its best phase.
+        Also the expectation of d² over sizes, and the weights max_s w_c exp(-d²/2) of
+        the sizes, up to a factor: the fit of a size at its best phase.
         """
         pose, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
@@ -383,12 +364,12 @@ class PathPhase:
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
         share = self.settings.distance_share**2 + size_variance
-        radial /= self.settings.noise.position**2 + share * along[7] + along[12]
+        radial /= self.settings.position_noise**2 + share * along[7] + along[12]
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2
         sideways += (y - along[5]) ** 2
         sideways += (sine * x + cosine * z - along[6]) ** 2
-        blur = (self.settings.noise.position / observed[0][..., None, None]) ** 2
+        blur = (self.settings.position_noise / observed[0][..., None, None]) ** 2
         error = radial + sideways / (along[11] + (blur + variance))
         exponent = log_weight - 0.5 * error
         highest = exponent.max(axis=-2)
@@ -406,9 +387,8 @@ def _directions(
 ) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, "3 G"]]:
     """Return the mean direction at phases, and features of the displacement.
 
-    They are the square of the mean distance [m²], the variance of the direction out of
-    the plane [rad²] and the variance of the distance [m²] of demonstrations that are
-    normalised to equal size and heading.
+    These are the squared mean distance [m²], and the variances of the direction out of
+    the plane [rad²] and of the distance [m²], of normalised demonstrations.
     """
     positions = np.stack(
         [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]

@@ -17,13 +17,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gplfd_policies.adaptation import (
-    ForceAdaptation,
-    OwnAdaptation,
-    ProcessAdaptation,
-    ProductAdaptation,
-    SimilarityAdaptation,
-)
+from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.adaptation.process import ForceAdaptation, ProcessAdaptation
+from gplfd_policies.adaptation.product import ProductAdaptation
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.agents.model_based.following import (
     ChordAgent,
     CompliantPullAgent,

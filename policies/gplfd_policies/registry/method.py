@@ -38,7 +38,7 @@ from gplfd_policies.movements.movement import (
     LearnedMovement,
     Movement,
 )
-from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
+from gplfd_policies.movements.prior_mean import PriorMean, fit_residual
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.phase.phase_rule import (
     ClockPhase,
@@ -178,8 +178,7 @@ class Method:
         if prior_mean is None:
             movement = fit(aligned)
         else:
-            longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
-            movement = fit_residual(aligned, longer, partial(fit, centred=False))
+            movement = fit_residual(aligned, prior_mean, partial(fit, centred=False))
         forces = aligned.forces
         if forces is None or not isinstance(movement, LearnedMovement):
             return movement

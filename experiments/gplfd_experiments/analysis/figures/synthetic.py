@@ -23,7 +23,9 @@ from gplfd_experiments.data.teacher.random_motion import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies import AlignedDemonstrations, Demonstration, align
-from gplfd_policies.adaptation import ProcessAdaptation, ProductAdaptation, adapt
+from gplfd_policies.adaptation import adapt
+from gplfd_policies.adaptation.process import ProcessAdaptation
+from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.demonstrations.alignment import (
     AlignmentMethod,
     task_completion_index,
