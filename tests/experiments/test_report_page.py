@@ -11,6 +11,7 @@ import pytest
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.report.document import (
     Document,
+    Plot,
     Section,
     Text,
     html_page,
@@ -121,7 +122,8 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
     folder = write_study(policies)
     document = report(read_results(folder), "kmp")
     assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in markdown_page(document)
-    first, *_ = document.plots
+    blocks = (block for part in document.sections for block in part.blocks)
+    first = next(block for block in blocks if isinstance(block, Plot))
     panels = [axes for axes in first.draw().axes if axes.lines]
     marked = {
         axes.get_title(loc="left"): axes.lines[-1].get_color() == style.ADAPTED
@@ -240,7 +242,7 @@ def test_both_writers_keep_marks_and_cells_apart():
     rows = ("group", ""), ("x|y", "1\n2")
     table = Table(columns=("a", "b"), rows=rows, title="<D>")
     left = Table(columns=("c", "d"), rows=(), left=True)
-    section = Section("S", "s", [table, left])
+    section = Section("S", [table, left])
     document = Document("T", [Text("mind", "warning")], [section])
     assert "**\\<D>**\n\n| a | b |" in markdown_page(document)
     assert "| x\\|y | 1<br>2 |" in markdown_page(document)

@@ -8,7 +8,7 @@ or `literal`.
 import base64
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -53,9 +53,12 @@ class Section:
     """A question under a heading, answered by tables and plots."""
 
     title: str
-    anchor: str
-    """Anchor in the page: lower-case letters, digits and hyphens."""
     blocks: Sequence[Block]
+
+    @property
+    def anchor(self) -> str:
+        """Anchor in the page."""
+        return re.sub(r"[^a-z0-9]+", "-", self.title.lower())
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,23 +69,14 @@ class Document:
     lead: Sequence[Block]
     sections: Sequence[Section]
 
-    @property
-    def plots(self) -> list[Plot]:
-        """All plots of the sections, in order."""
-        blocks = (block for section in self.sections for block in section.blocks)
-        return [block for block in blocks if isinstance(block, Plot)]
-
-
-Cell = Callable[[Sequence[Any]], str]
-"""Returns the text of a table cell from the results of a policy that count."""
-
 
 @dataclass(frozen=True, slots=True)
 class Column:
     """A column of a table with a row per policy."""
 
     heading: str
-    cell: Cell
+    cell: Callable[[Sequence[Any]], str]
+    """Returns the text of a cell from the results of a policy that count."""
     meaning: str = ""
 
 
@@ -121,7 +115,7 @@ def measure_column(
 
 def policy_table(
     groups: Mapping[str, Mapping[str, Sequence[Any]]],
-    columns: Iterable[Column],
+    columns: Sequence[Column],
     *,
     title: str = "",
     note: str = "",
@@ -130,11 +124,10 @@ def policy_table(
 
     Errors are counted below the policy's name; a policy without results has dashes.
     """
-    columns = tuple(columns)
     rows: list[tuple[str, ...]] = []
     for heading, runs in groups.items():
         if len(groups) > 1 and heading:
-            rows.append((f"**{literal(heading)}**", *("" for _ in columns)))
+            rows.append((f"**{literal(heading)}**", *[""] * len(columns)))
         for policy, counting in counted(runs).items():
             kind, results = kind_of(policy), runs[policy]
             name = code(policy) if kind == "method" else f"{code(policy)} ({kind})"
@@ -144,12 +137,8 @@ def policy_table(
                 name += f"\n{what}: {number}" if number else ""
             cells = (column.cell(counting) if counting else "–" for column in columns)
             rows.append((name, *cells))
-    return Table(
-        columns=("policy", *(column.heading for column in columns)),
-        rows=tuple(rows),
-        title=title,
-        note=note,
-    )
+    heads = ("policy", *(column.heading for column in columns))
+    return Table(columns=heads, rows=tuple(rows), title=title, note=note)
 
 
 _MARK: Final = re.compile(r"\\(?P<plain>.)|`(?P<code>[^`]*)`|(?P<bold>\*\*)")
@@ -181,11 +170,9 @@ _TEMPLATES.filters["kind"] = lambda block: type(block).__name__
 
 def html_page(document: Document, images: Mapping[str, bytes]) -> str:
     """Return a document as HTML, from its template and the SVG of every plot."""
-    embedded = {
-        name: base64.b64encode(image).decode("ascii") for name, image in images.items()
-    }
+    encoded = {name: base64.b64encode(svg).decode() for name, svg in images.items()}
     page = _TEMPLATES.get_template("page.html.jinja")
-    return page.render(document=document, images=embedded)
+    return page.render(document=document, images=encoded)
 
 
 def markdown_page(document: Document) -> str:
@@ -207,12 +194,9 @@ def _markdown(block: Block) -> str:
         case Plot(name, _, caption, alternative):
             return f"![{alternative}]({FIGURES}/{name}.png)\n\n{_unmarked(caption)}"
         case Table(title=title, note=note):
-            parts = (
-                f"**{_unmarked(title)}**" * bool(title),
-                markdown_table(block, _unmarked),
-                _unmarked(note),
-            )
-            return "\n\n".join(filter(None, parts))
+            heading = f"**{_unmarked(title)}**\n\n" * bool(title)
+            table = markdown_table(block, _unmarked)
+            return f"{heading}{table}\n\n{_unmarked(note)}".rstrip()
 
 
 def _unmarked(text: str) -> str:

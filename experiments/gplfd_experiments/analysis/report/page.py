@@ -11,6 +11,7 @@ from gplfd_experiments.analysis.report.document import (
     FIGURES,
     Block,
     Document,
+    Plot,
     Section,
     Text,
     code,
@@ -53,10 +54,11 @@ def write_report(
     folder = study if out is None else out
     document = report(results, reference)
     images: dict[str, bytes] = {}
-    for plot in document.plots:
-        with paper_style():
-            write_figure(plot.draw(), folder / FIGURES, plot.name)
-        images[plot.name] = (folder / FIGURES / f"{plot.name}.svg").read_bytes()
+    for plot in (block for section in document.sections for block in section.blocks):
+        if isinstance(plot, Plot):
+            with paper_style():
+                write_figure(plot.draw(), folder / FIGURES, plot.name)
+            images[plot.name] = (folder / FIGURES / f"{plot.name}.svg").read_bytes()
     for name, text in (
         (MARKDOWN, markdown_page(document)),
         (HTML, html_page(document, images)),
@@ -117,13 +119,13 @@ def report(results: StudyResults, reference: str) -> Document:
     if conditions:
         sections.append(doors.doors_section(conditions, reference))
         tests = [doors.paired_tests(t, r, reference) for t, r in counting.items()]
-        sections.append(Section("Paired tests", "tests", tests))
+        sections.append(Section("Paired tests", tests))
     if results.recorded:
         sections.append(predictions.recorded_section(results.recorded, reference))
     if results.tests:
         sections.append(predictions.table_one_section(results.tests))
         sections.append(predictions.learning_section(results.tests, reference))
-    sections.append(Section(_ORIGIN, "origin", _origin(results)))
+    sections.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
     return Document(title, lead, sections)

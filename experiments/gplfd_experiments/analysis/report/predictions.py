@@ -69,7 +69,7 @@ def learning_section(tests: Results, reference: str) -> Section:
     ran = [test for test in tests if not test.error]
     standard = next(iter(by_condition(ran).values()), [])
     blocks: list[Block] = [_all_measures(groups), *_plots(standard, reference)]
-    return Section("What was learned, without a robot", "learning", blocks)
+    return Section("What was learned, without a robot", blocks)
 
 
 def recorded_section(results: Results, reference: str) -> Section:
@@ -85,7 +85,7 @@ def recorded_section(results: Results, reference: str) -> Section:
         *_plots([result for result in results if not result.error], reference),
         _all_measures({"": results}),
     ]
-    return Section("What was learned from the recordings", "recorded", blocks)
+    return Section("What was learned from the recordings", blocks)
 
 
 def overview(results: Results) -> Table:
@@ -167,7 +167,7 @@ def table_one_section(tests: Results) -> Section:
         title="What the rows mean",
         left=True,
     )
-    return Section("Table 1 of the paper, measured", "table-1", [*blocks, meanings])
+    return Section("Table 1 of the paper, measured", [*blocks, meanings])
 
 
 def _marks(

@@ -17,14 +17,9 @@ from gplfd_experiments.analysis.report.document import (
     policy_table,
 )
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
-from gplfd_experiments.analysis.results.measures import (
-    Runs,
-    interval_text,
-    number_text,
-    shift_cell,
-)
+from gplfd_experiments.analysis.results.measures import Runs
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
-from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.analysis.results.statistics import number_text, success_rate
 from gplfd_experiments.analysis.results.trials import (
     MEASURES,
     Answer,
@@ -58,8 +53,8 @@ def trial_sections(results: StudyResults, reference: str) -> list[Section]:
         return []
 
     def ran(side: Side, levels: ByLevel) -> bool:
-        some = [levels.get(side.level, {})] if side.level else levels.values()
-        return any(side.policy in runs for runs in some)
+        there = (runs for level, runs in levels.items() if side.level in ("", level))
+        return any(side.policy in runs for runs in there)
 
     answers = {
         name: [
@@ -82,70 +77,56 @@ def trial_sections(results: StudyResults, reference: str) -> list[Section]:
             "`gplfd trials --part ideas` runs all of them."
         )
         blocks.append(Text(text, "warning"))
-    blocks += _ideas(answers)
+    if any(answers.values()):
+        blocks.append(ideas_table(answers))
+    if any(answer.shift for group in answers.values() for answer in group):
+        caption = (
+            "**Differences with and without an idea:** in brackets the policy without "
+            "it; a line through the 95 % interval. Right of zero is better with the "
+            "idea."
+        )
+        alternative = "Differences of all contrasts, a panel per measure"
+        draw = partial(plots.ideas, answers)
+        blocks.append(Plot("trials_ideas", draw, caption, alternative))
     return [
-        Section("What each idea is worth", "ideas", blocks),
+        Section("What each idea is worth", blocks),
         *(trial_section(name, levels, reference) for name, levels in trials.items()),
     ]
 
 
-def _ideas(answers: Mapping[str, Sequence[Answer]]) -> list[Block]:
-    """Return all contrasts in a table and a plot."""
-    rows = sorted(
-        (
-            answer.contrast.idea,
-            trial,
-            MEASURES[answer.contrast.measure].title,
-            f"{answer.contrast.having} : {answer.contrast.lacking}",
-            *_difference(answer),
-        )
-        for trial, of_trial in answers.items()
-        for answer in of_trial
-    )
-    if not rows:
-        return [Text("No contrast has both of its policies in these results.")]
+def ideas_table(answers: Mapping[str, Sequence[Answer]]) -> Table:
+    """Return a row per contrast: the difference, its changed doors, and the result."""
+    rows = []
+    for trial, answer in (
+        (n, answer) for n, group in answers.items() for answer in group
+    ):
+        measure, shift = MEASURES[answer.contrast.measure], answer.shift
+        sides = f"{answer.contrast.having} : {answer.contrast.lacking}"
+        difference, result = "–", "no value in common"
+        if shift is not None:
+            # Enough decimals that the ends of the interval differ from zero.
+            ends = [e for e in map(abs, (shift.low, shift.high)) if 0.0 < e < math.inf]
+            digits = measure.digits
+            if ends:
+                digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))
+            difference = number_text(shift.estimate, digits, signed=True)
+            result = "too few seeds for an interval"
+            if interval := shift.interval(digits):
+                difference += f" ({interval})"
+                result = _VERDICTS[answer.verdict]
+            if answer.changes:
+                doors = (f"{number} {name}" for name, number in answer.changes.items())
+                difference += f"\ndoors: {', '.join(doors)}"
+        row = (answer.contrast.idea, trial, measure.title, sides, difference, result)
+        rows.append(row)
     note = (
         "**Difference:** the policy with the idea minus the otherwise equal policy "
-        "without it, seed by seed, with the 95 % interval (Hodges-Lehmann; for "
-        "shares, mean and Student's interval). **Result:** better or worse with the "
-        "idea if the interval excludes zero (in the protocol: the idea shows, or does "
-        "harm)."
+        "without it, seed by seed, with the 95 % interval (Hodges-Lehmann; for shares, "
+        "mean and Student's interval). **Result:** better or worse with the idea if "
+        "the interval excludes zero."
     )
     columns = ("idea", "trial", "measure", "with : without", "difference", "result")
-    table = Table(columns=columns, rows=tuple(rows), note=note, left=True)
-    if not any(a.shift for of_trial in answers.values() for a in of_trial):
-        return [table]
-    plot = Plot(
-        "trials_ideas",
-        partial(plots.ideas, answers),
-        "**Differences with and without an idea:** in brackets the policy without it; "
-        "a point per difference, a line through its 95 % interval (from six seeds on). "
-        "Right of zero is better with the idea, whether more or less of the measure is "
-        "better.",
-        "Differences of all contrasts, a panel per measure",
-    )
-    return [table, plot]
-
-
-def _difference(answer: Answer) -> tuple[str, str]:
-    """Return the difference with its interval and changed doors, and the result."""
-    shift = answer.shift
-    if shift is None:
-        return "–", "no value in common"
-    digits = MEASURES[answer.contrast.measure].digits
-    # Enough decimals that the ends of the interval differ from zero.
-    ends = [abs(end) for end in (shift.low, shift.high) if 0.0 < abs(end) < math.inf]
-    if ends:
-        digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))
-    text = number_text(shift.estimate, digits, signed=True)
-    interval = interval_text(shift, digits)
-    if interval:
-        text += f" ({interval})"
-    doors = ", ".join(f"{number} {name}" for name, number in answer.changes.items())
-    if doors:
-        text += f"\ndoors: {doors}"
-    verdict = _VERDICTS[answer.verdict]
-    return text, verdict if interval else "too few seeds for an interval"
+    return Table(columns=columns, rows=tuple(sorted(rows)), note=note, left=True)
 
 
 def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
@@ -153,7 +134,7 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     trial, deciding = TRIALS[name], MEASURES[TRIALS[name].measures[0]]
     runs, title = ordered(trial, levels), deciding.title
     measure = deciding_measure(trial)
-    episodes = [e for runs in levels.values() for own in runs.values() for e in own]
+    episodes = [e for runs in levels.values() for group in runs.values() for e in group]
     blocks: list[Block] = [
         Text(trial.question),
         trial_table(trial, runs),
@@ -161,10 +142,8 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
             f"trial_{name}",
             partial(plots.deciding_numbers, runs, deciding.metric, reference),
             f"**{title[0].upper()}{title[1:]}** decides this trial ({deciding.better} "
-            "is better). Order as in the table. A pale dot per seed, larger where "
-            "several are equal; a mark at the share or the typical value, a line "
-            "through its 95 % interval (for values that are not shares, from six "
-            f"seeds on). Bold: {code(reference)}.",
+            "is better). A pale dot per seed, larger where several are equal; a mark "
+            "at the share or the typical value, a line through its 95 % interval.",
             f"{title}, a row per policy",
         ),
         aggregate_table(scores(episodes, measure), measure, reference),
@@ -174,7 +153,7 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     unable = sorted({episode.policy for episode in episodes} - able)
     if corrected and unable:
         blocks.append(Text(f"Cannot be corrected: {', '.join(map(code, unable))}."))
-    return Section(f"Trial: {name}", f"trial-{name}", blocks)
+    return Section(f"Trial: {name}", blocks)
 
 
 def ordered(trial: Trial, levels: ByLevel) -> dict[str, Runs]:
@@ -206,7 +185,8 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
 
     def cell(name: str, episodes: Sequence[EpisodeResult]) -> str:
-        return MEASURES[name].cell(summary(episodes, name))
+        estimate = summary(episodes, name)
+        return estimate.cell(MEASURES[name].digits) if estimate else "no value"
 
     return policy_table(
         levels,
@@ -229,13 +209,11 @@ def aggregate_table(
     rows = []
     for policy in sorted(means, key=lambda p: (-measure.sign * means[p].estimate, p)):
         both = arrays.get(reference, arrays[policy]), arrays[policy]
-        better = shift_cell(probability_of_improvement(*both), 2)
-        rows.append((code(policy), measure.cell(means[policy]), better))
+        better = probability_of_improvement(*both).cell(2)
+        rows.append((code(policy), means[policy].cell(measure.digits), better))
+    heads = f"{measure.title}, interquartile mean", f"P({reference} better)"
     return Table(
-        columns=(
-            *("policy", f"{measure.title}, interquartile mean"),
-            f"P({reference} better)",
-        ),
+        columns=("policy", *heads),
         rows=tuple(rows),
         note="All doors, and levels without a prior mean. **Interquartile mean:** of "
         "the middle half of the episodes; a dash if more than a quarter failed. "
@@ -258,7 +236,7 @@ def tier_tables(results: StudyResults) -> list[Block]:
         rows = []
         for policy in sorted(rates, key=lambda name: (-rates[name].estimate, name)):
             force = interquartile_mean_in_units(arrays[policy], RADIAL)
-            cells = rates[policy].cell, MEASURES[RADIAL].cell(force)
+            cells = rates[policy].cell(), force.cell(MEASURES[RADIAL].digits)
             rows.append((code(policy), kind_of(policy), *cells))
         ran = len({episode.task.trial for episode in episodes})
         heads = "successes", "radial force [N],\ninterquartile mean"

@@ -12,7 +12,7 @@ from typing import Final, Literal, TypeVar
 
 from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_experiments.analysis.results.reading import EpisodeResult, TaskResult
-from gplfd_experiments.analysis.results.statistics import Rate, Shift, shift
+from gplfd_experiments.analysis.results.statistics import Shift, number_text, shift
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.studies.settings import Condition
 
@@ -99,42 +99,8 @@ class Measure:
         """Format a value, or a dash; optionally with its unit or more decimals."""
         if value is None:
             return "–"
-        number = number_text(value, self.digits + finer)
-        if not unit or not self.unit:
-            return number
-        return f"{number}{self.unit}" if self.unit == "°" else f"{number} {self.unit}"
-
-    def cell(self, estimate: Rate | Shift | None) -> str:
-        """Format an estimate above its interval, if it has one."""
-        if estimate is None:
-            return "no value"
-        if isinstance(estimate, Rate):
-            return estimate.cell
-        return shift_cell(estimate, self.digits)
-
-
-def number_text(value: float, digits: int, *, signed: bool = False) -> str:
-    """Format a number with a typographic minus, and zero without a sign."""
-    # Adding zero turns minus zero into zero.
-    rounded = round(value, digits) + 0.0
-    plus = "+" if signed and rounded != 0.0 else ""
-    return f"{rounded:{plus}.{digits}f}".replace("-", "−")
-
-
-def interval_text(estimate: Shift, digits: int) -> str:
-    """Format the ends of an interval; "" for too few pairs or too many failures."""
-    ends = estimate.low, estimate.high
-    if any(map(math.isinf, ends)):
-        return ""
-    return " to ".join(number_text(end, digits) for end in ends)
-
-
-def shift_cell(estimate: Shift, digits: int) -> str:
-    """Format an estimate above its interval, if it has one; a dash without a number."""
-    if not math.isfinite(estimate.estimate):
-        return "–"
-    number = number_text(estimate.estimate, digits)
-    return f"{number}\n{interval_text(estimate, digits)}".strip()
+        space = " " * (self.unit not in ("", "°"))
+        return number_text(value, self.digits + finer) + f"{space}{self.unit}" * unit
 
 
 _TABLES: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
@@ -163,8 +129,7 @@ GroupT = TypeVar("GroupT")
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
 
-_BAND: Final = 0.1
-"""Width of a band of random radii [m]."""
+_BAND: Final = 0.1  # Width of a band of random radii [m].
 
 
 def grouped(
@@ -182,28 +147,18 @@ def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
     return grouped(results, attrgetter("policy"))
 
 
-def by_door_kind(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
-    """Return episodes by kind of door, in the order of their first episode."""
-    return grouped(episodes, attrgetter("door_kind"))
-
-
 def by_condition(results: Iterable[ResultT]) -> dict[Condition, list[ResultT]]:
     """Return results by condition, those with most results first."""
     names = [*RANDOMIZATIONS]
 
-    def order(item: tuple[Condition, Sequence[ResultT]]) -> tuple[float, ...]:
-        condition, results = item
-        name = condition.randomization
-        return (
-            -len(results),
-            names.index(name) if name in names else len(names),
-            abs(condition.teacher_noise - 1.0),
-            condition.teacher_noise,
-            abs(condition.demonstrations_per_door - 2),
-            condition.demonstrations_per_door,
-        )
-
     groups = grouped((r for r in results if r.condition), attrgetter("condition"))
+
+    def order(item: tuple[Condition, Sequence[ResultT]]) -> tuple[float, ...]:
+        name, noise = item[0].randomization, item[0].teacher_noise
+        number = item[0].demonstrations_per_door
+        place = names.index(name) if name in names else len(names)
+        return -len(item[1]), place, abs(noise - 1.0), noise, abs(number - 2), number
+
     return dict(sorted(groups.items(), key=order))
 
 
@@ -211,15 +166,11 @@ def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
     """Return episodes by policy, ordered by doors opened, then by radial force."""
 
     def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
-        policy, results = item
-        counting = [result for result in results if result.counts]
+        counting = [result for result in item[1] if result.counts]
         opened = sum(result.opened() for result in counting)
+        closed = -opened / len(counting) if counting else 1.0
         force = EPISODE_MEASURES["force_radial_peak"].seed_value(counting)
-        return (
-            -opened / len(counting) if counting else 1.0,
-            math.inf if force is None else force,
-            policy,
-        )
+        return closed, math.inf if force is None else force, item[0]
 
     return dict(sorted(by_policy(episodes).items(), key=order))
 

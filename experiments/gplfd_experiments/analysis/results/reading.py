@@ -3,11 +3,10 @@
 Files that cannot be read are listed with the reason.
 """
 
-import dataclasses
 import json
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,23 +24,14 @@ from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
 
 TASKS: Final = "tasks"
 
-DEMONSTRATED: Final = "demonstrated radii"
-UNDEMONSTRATED: Final = "new radii"
+DEMONSTRATED, UNDEMONSTRATED = "demonstrated radii", "new radii"
 NON_STANDARD: Final = "other doors"
 """Doors that differ in more than the radius: friction, closer or mass."""
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """Relations of doors to the demonstrated ones of their kind, in display order."""
 
-_WHERE: Final = {"left": "on the left", "bottom": "at the bottom", "top": "at the top"}
 _SAME_RADIUS: Final = 1e-3
 """Radii that differ by less count as equal [m]."""
-_LONGEST: Final = 200
-"""Largest number of characters of a reason."""
-_NARROWER: Final[Mapping[str, Any]] = {
-    "door_config": dict[str, Any],
-    "habits": dict[str, float] | None,
-}
-"""Types of fields that `EpisodeTask` does not specify."""
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -64,8 +54,7 @@ class TaskResult:
     error: str
     """Why there is no measurement; "" if there is one."""
     lost: bool
-    """Whether the machine failed, not the policy; such a task is excluded
-    everywhere."""
+    """Whether the machine failed, not the policy; it is excluded everywhere."""
     code: str
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
@@ -173,7 +162,6 @@ def read_results(*folders: Path) -> StudyResults:
     """
     results: list[TaskResult] = []
     origins: dict[str, Path] = {}
-    study: Mapping[str, Any] = {}
     unreadable: list[str] = []
     for folder in folders:
         if not folder.is_dir():
@@ -188,28 +176,28 @@ def read_results(*folders: Path) -> StudyResults:
                 f"{folder} is not the folder of a study: it has no {TASKS}/*.json. "
                 "Give the --out of a `gplfd benchmark`"
             )
-        of_folder, problems = read_files(files)
-        if not of_folder:
+        here, problems = read_files(files)
+        if not here:
             raise ValueError(
                 f"none of the {len(files)} files in {folder / TASKS} holds a result; "
                 f"the first: {problems[0]}"
             )
-        for result in of_folder:
+        for result in here:
             if (other := origins.setdefault(result.task.key, folder)) != folder:
                 raise ValueError(
                     f"{other} and {folder} both hold results of {result.policy}; "
                     "leave out one of the folders"
                 )
-        results += of_folder
+        results += here
         unreadable += problems
-        try:
-            about = read_study(folder) if (folder / STUDY).exists() else {}
-        except NewerFormatError:
-            raise
-        except (OSError, ValueError) as error:
-            about = {}
-            unreadable.append(_reason(folder / STUDY, error))
-        study = about if folder == folders[0] else study
+    study: Mapping[str, Any] = {}
+    try:
+        if (file := folders[0] / STUDY).exists():
+            study = read_study(folders[0])
+    except NewerFormatError:
+        raise
+    except (OSError, ValueError) as error:
+        unreadable.append(_reason(file, error))
 
     def order(result: TaskResult) -> tuple[Any, ...]:
         place: tuple[float, str] = 0.0, result.left_out
@@ -239,61 +227,62 @@ def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
 
 
 def _reason(file: Path, error: Exception) -> str:
-    if isinstance(error, FileNotFoundError):
-        return f"{file.name}: there is no such file"
-    text = " ".join(str(error).split()).replace(str(file), "it")
-    return f"{file.name}: {text[:_LONGEST]}"
+    missing = isinstance(error, FileNotFoundError)
+    text = "there is no such file" if missing else " ".join(str(error).split())
+    return f"{file.name}: {text.replace(str(file), 'it')[:200]}"
 
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return the result in a file; raise an error if it is invalid."""
-    fields = entry(record, "task", dict[str, Any])
-    task = task_from(fields)
-    types = {**typing.get_type_hints(type(task)), **_NARROWER}
-    for name in fields:
-        entry(fields, name, types[name])
-    metrics = outcome(record, task)
-    code = "unknown code"
-    if "versions" in record:
-        versions = entry(record, "versions", dict[str, str])
-        code = ", ".join(f"{name} {version}" for name, version in versions.items())
-        git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
-        if git is not None:
-            edited = " with edits" if git.get("dirty") else ""
-            code = f"commit {str(git.get('commit'))[:12]}{edited}, {code}"
-    source = task.policy_source or {}
+    definition = entry(record, "task", dict[str, Any])
+    task = task_from(definition)
+    types = typing.get_type_hints(type(task))
+    for name in definition:
+        entry(definition, name, types[name])
+    metrics: Mapping[str, Any] = outcome(record, task)
+    error = str(record.get("error", "")) or ("" if metrics else "no reason given")
+    lost = entry({"lost": False, **record}, "lost", bool)
+    versions = entry({"versions": {}, **record}, "versions", dict[str, str])
+    code = [f"{name} {version}" for name, version in versions.items()]
+    git = entry({"git": None, **record}, "git", dict[str, str | bool | None] | None)
+    if git is not None:
+        edited = " with edits" if git.get("dirty") else ""
+        code.insert(0, f"commit {str(git.get('commit'))[:12]}{edited}")
     shared: dict[str, Any] = {
         "task": task,
-        "pair": dataclasses.replace(task, policy="", policy_source=None).key,
-        "metrics": metrics,
-        "error": str(record.get("error", "")) or ("" if metrics else "no reason given"),
-        "lost": entry({"lost": False, **record}, "lost", bool),
-        "code": code,
+        "pair": replace(task, policy="", policy_source=None).key,
+        "error": error,
+        "lost": lost,
+        "code": ", ".join(code) if versions else "unknown code",
         "machine": str(record.get("arithmetic", "")),
-        "policy_source": ", ".join(f"{k} {v}" for k, v in source.items()),
+        "policy_source": ", ".join(
+            f"{name} {value}" for name, value in (task.policy_source or {}).items()
+        ),
         "condition": _condition(task) if isinstance(task, TaughtTask) else None,
     }
     if not isinstance(task, EpisodeTask):
-        return TaskResult(**shared)
+        return TaskResult(metrics=metrics, **shared)
 
     disturbance_named(task.disturbance)
     Habits(**(task.habits or {}))
     door = door_config(dict(task.door_config))
-    if shared["error"]:
-        shared["metrics"] = {} if shared["lost"] else _CLOSED_BY_ERROR
-    radius = shared["metrics"].get("radius", door.radius)
+    if error:
+        metrics = {} if lost else _CLOSED_BY_ERROR
+    radius = metrics.get("radius", door.radius)
     demonstrated: dict[str, Any] = dict(task.demonstrated_kind or {})
+    split = UNDEMONSTRATED
     if door != DoorConfig(radius=door.radius, **demonstrated):
         split = NON_STANDARD
-    elif any(abs(radius - shown) < _SAME_RADIUS for shown in task.demonstrated_radii):
+    elif any(abs(radius - taught) < _SAME_RADIUS for taught in task.demonstrated_radii):
         split = DEMONSTRATED
-    else:
-        split = UNDEMONSTRATED
     # All properties of the door that determine its motion.
     latch = "" if door.latch == "none" else f" with {door.latch} latch"
-    side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
+    side = {"right": "", "left": ", hinge on the left"}.get(
+        door.hinge_side, f", hinge at the {door.hinge_side}"
+    )
     motion = "" if door.motion == "hinged" else f"{door.motion}, "
     return EpisodeResult(
+        metrics=metrics,
         radius=radius,
         demonstrations=str(record.get("demonstrations", "")),
         drawn=door_randomization(task.randomization).radius is not None,
@@ -306,24 +295,11 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
 def _condition(task: TaughtTask) -> Condition:
     """Return the condition that a task shares with others of its table."""
     noise = TeacherConfig(**task.teacher).wobble_position_std
-    taught = Condition(
-        demonstrations_per_door=task.demonstrations_per_door,
-        teacher_noise=round(noise / TeacherConfig().wobble_position_std, 6),
-        randomization="none",
-        demonstrated_forces=task.demonstrated_forces,
-    )
-    if not isinstance(task, EpisodeTask):
-        return taught
-
-    def named(spec: str | Mapping[str, Any]) -> str:
-        return spec if isinstance(spec, str) else json.dumps(spec)
-
-    return dataclasses.replace(
-        taught,
-        randomization=named(task.randomization),
-        disturbance=named(task.disturbance),
-        start=task.start,
-        robot=task.robot,
-        trial=task.trial,
-        level=task.level,
-    )
+    shared: dict[str, Any] = {"randomization": "none"}
+    for field in fields(Condition):
+        value = getattr(task, field.name, None)
+        if value is not None:
+            plain = not isinstance(value, Mapping)
+            shared[field.name] = value if plain else json.dumps(value)
+    ratio = round(noise / TeacherConfig().wobble_position_std, 6)
+    return Condition(teacher_noise=ratio, **shared)

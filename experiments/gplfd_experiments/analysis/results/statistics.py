@@ -11,8 +11,7 @@ from scipy.stats import norm, t, wilcoxon
 FEWEST_PAIRS: Final = 6
 """With fewer pairs no two-sided signed-rank test can reach 5 %."""
 
-_EXACT_UP_TO: Final = 60
-_LEVEL: Final = 0.95
+_EXACT_UP_TO, _LEVEL = 60, 0.95
 
 Key = tuple[int, str]
 """Seed of a task, and its key among the tasks of all policies."""
@@ -30,6 +29,26 @@ class Shift:
     high: float
     n: int
 
+    def interval(self, digits: int) -> str:
+        """The ends as text; "" for too few pairs or too many failures."""
+        if math.isinf(self.low) or math.isinf(self.high):
+            return ""
+        return f"{number_text(self.low, digits)} to {number_text(self.high, digits)}"
+
+    def cell(self, digits: int) -> str:
+        """The estimate above its interval, if it has one; a dash without a number."""
+        if not math.isfinite(self.estimate):
+            return "–"
+        return f"{number_text(self.estimate, digits)}\n{self.interval(digits)}".strip()
+
+
+def number_text(value: float, digits: int, *, signed: bool = False) -> str:
+    """Format a number with a typographic minus, and zero without a sign."""
+    # Adding zero turns minus zero into zero.
+    rounded = round(value, digits) + 0.0
+    plus = "+" if signed and rounded != 0.0 else ""
+    return f"{rounded:{plus}.{digits}f}".replace("-", "−")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pairs:
@@ -44,8 +63,8 @@ class Pairs:
         first, second = np.array(self.first), np.array(self.second)
         seeds = [np.equal(self.seeds, seed) for seed in dict.fromkeys(self.seeds)]
         return (
-            [float(np.mean(first[own])) for own in seeds],
-            [float(np.mean(second[own])) for own in seeds],
+            [float(np.mean(first[rows])) for rows in seeds],
+            [float(np.mean(second[rows])) for rows in seeds],
         )
 
 
@@ -78,9 +97,8 @@ class Rate:
         """The interval as text; a dash without trials."""
         return f"{self.low:.2f}–{self.high:.2f}" if self.trials else "–"
 
-    @property
-    def cell(self) -> str:
-        """Successes and trials, above the interval."""
+    def cell(self, _: int = 0) -> str:
+        """Successes and trials, above the interval; a share needs no digits."""
         return f"{self.successes}/{self.trials}\n{self.interval}"
 
 
@@ -101,8 +119,8 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
         return Rate(successes=0, trials=0, low=math.nan, high=math.nan)
 
     # Number of trials of a seed that are equivalent to one independent trial.
-    sizes = np.array([len(own) for own in clusters.values()], dtype=float)
-    rates = np.array([np.mean(own) for own in clusters.values()])
+    sizes = np.array([len(group) for group in clusters.values()], dtype=float)
+    rates = np.array([np.mean(group) for group in clusters.values()])
     n, k = sizes.sum(), sizes.size
     total = float(sizes @ rates / n)
     design_effect = 1.0

@@ -2,8 +2,10 @@
 
 import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,38 +32,33 @@ from gplfd_experiments.studies.store import result_path
 from gplfd_experiments.studies.tasks import conditions, episodes
 from gplfd_policies.arrays.storage import complete_or_absent
 
+_EPISODE: Final = EPISODE_MEASURES
 _OF_SOLVED: Final = (
-    replace(EPISODE_MEASURES["force_radial_peak"], short="radial force"),
-    replace(EPISODE_MEASURES["time_to_60_deg"], digits=1),
-    replace(EPISODE_MEASURES["force_tangential_peak"], short="tangential"),
-    EPISODE_MEASURES["slip_max_mm"],
+    replace(_EPISODE["force_radial_peak"], short="radial force"),
+    replace(_EPISODE["time_to_60_deg"], digits=1),
+    replace(_EPISODE["force_tangential_peak"], short="tangential"),
+    _EPISODE["slip_max_mm"],
 )
 _OF_ALL: Final = (
-    EPISODE_MEASURES["prediction_error_position"],
-    EPISODE_MEASURES["governed_share"],
-    EPISODE_MEASURES["latency_median_ms"],
-    EPISODE_MEASURES[WALL_TIME],
+    *(_EPISODE["prediction_error_position"], _EPISODE["governed_share"]),
+    *(_EPISODE["latency_median_ms"], _EPISODE[WALL_TIME]),
 )
 _OF_RUN: Final = (
-    EPISODE_MEASURES["final_angle_deg"],
-    *_OF_SOLVED,
-    EPISODE_MEASURES["radius"],
-    replace(EPISODE_MEASURES["time_to_30_deg"], digits=1),
-    EPISODE_MEASURES["prediction_error_position"],
-    EPISODE_MEASURES["latency_wall_p95_ms"],
+    *(_EPISODE["final_angle_deg"], *_OF_SOLVED, _EPISODE["radius"]),
+    replace(_EPISODE["time_to_30_deg"], digits=1),
+    *(_EPISODE["prediction_error_position"], _EPISODE["latency_wall_p95_ms"]),
 )
-_WHY: Final = 4
-"""Place of the column with the reason why a door stayed closed: among the first."""
+_WHY: Final = "not opened because"
+_Cell = Callable[[Mapping[str, Any]], str]
 
 
 def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
     """Return the numbers of a table: a row per policy and door.
 
-    Each has ``policy``, ``door``, its ``door_kind``, ``episodes`` that count,
-    ``opened`` with its 95 % ``interval``, ``errors`` of the policy, which count as not
-    opened, ``lost`` episodes, which do not count, and ``not_opened_because``. Medians
-    are named by their metrics: time, forces and slip over the doors that were opened,
-    the others over all episodes that have them; None without values.
+    Of ``episodes`` that count, ``opened`` has a 95 % ``interval``; ``errors`` of the
+    policy count as not opened, and ``lost`` episodes do not count. Medians are named by
+    their metrics: time, forces and slip over the doors that were opened, the others
+    over all episodes that have them; None without values.
     """
     rows = []
     groups = grouped(results, lambda result: (result.policy, result.task.door))
@@ -86,61 +83,53 @@ def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
     return rows
 
 
+def _metric_text(measure: Measure, row: Mapping[str, Any]) -> str:
+    return measure.text(row[measure.metric])
+
+
 def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of `study_rows`, grouped if there are several kinds of doors."""
-    errors, closed = (
-        any(row[name] for row in rows) for name in ("errors", "not_opened_because")
-    )
-    first, *solved = _OF_SOLVED
-    columns = (
-        *("policy", "door", "opened", first.column),
-        *(["not opened because"] if closed else []),
-        *(measure.column for measure in solved),
-        *("95 %", *(["errors"] if errors else [])),
-        *(measure.column for measure in _OF_ALL),
-    )
+
+    def texts(measures: Iterable[Measure]) -> dict[str, _Cell]:
+        return {m.column: partial(_metric_text, m) for m in measures}
+
+    columns: dict[str, _Cell] = {
+        "policy": itemgetter("policy"),
+        "door": itemgetter("door"),
+        "opened": lambda row: f"{row['opened']}/{row['episodes']}",
+        **texts(_OF_SOLVED[:1]),
+        _WHY: itemgetter("not_opened_because"),
+        **texts(_OF_SOLVED[1:]),
+        "95 %": itemgetter("interval"),
+        "errors": lambda row: str(row["errors"]),
+        **texts(_OF_ALL),
+    }
+    for heading, name in ((_WHY, "not_opened_because"), ("errors", "errors")):
+        if not any(row[name] for row in rows):
+            del columns[heading]
     cells: list[tuple[str, ...]] = []
-
-    def texts(row: Mapping[str, Any], measures: Iterable[Measure]) -> list[str]:
-        return [measure.text(row[measure.metric]) for measure in measures]
-
     kinds = dict.fromkeys(row["door_kind"] for row in rows)
     for kind in kinds:
         if len(kinds) > 1:
-            cells.append((f"**{kind}**", *("" for _ in columns[1:])))
-        cells += [
-            (
-                *(row["policy"], row["door"], f"{row['opened']}/{row['episodes']}"),
-                *texts(row, [first]),
-                *([row["not_opened_because"]] if closed else []),
-                *texts(row, solved),
-                *(row["interval"], *([str(row["errors"])] if errors else [])),
-                *texts(row, _OF_ALL),
-            )
-            for row in rows
-            if row["door_kind"] == kind
-        ]
-    return Table(columns=columns, rows=tuple(cells))
+            cells.append((f"**{kind}**", *[""] * (len(columns) - 1)))
+        here = (row for row in rows if row["door_kind"] == kind)
+        cells += [tuple(cell(row) for cell in columns.values()) for row in here]
+    return Table(columns=tuple(columns), rows=tuple(cells))
 
 
 def remarks(results: Sequence[EpisodeResult]) -> list[str]:
     """Return notes for readers of rates: errors, lost episodes, late decisions."""
+    failed = "ended in an error of the policy and count as not opened"
+    lost = (
+        "were lost, because the machine failed, and are excluded; run the study again"
+    )
     texts = []
-    for failed, text in (
-        (
-            [result for result in results if result.error and result.counts],
-            "ended in an error of the policy and count as not opened",
-        ),
-        (
-            [result for result in results if result.lost],
-            "were lost, because the machine failed, and are excluded; run the study "
-            "again",
-        ),
-    ):
-        if failed:
-            policies = by_policy(failed).items()
-            numbers = ", ".join(f"{name} {len(group)}" for name, group in policies)
-            texts.append(f"{len(failed)} of {len(results)} episodes {text}: {numbers}.")
+    for which, text in ((False, failed), (True, lost)):
+        some = [result for result in results if result.error and result.lost == which]
+        if some:
+            groups = by_policy(some).items()
+            numbers = ", ".join(f"{name} {len(group)}" for name, group in groups)
+            texts.append(f"{len(some)} of {len(results)} episodes {text}: {numbers}.")
     for name, group in by_policy(r for r in results if not r.error).items():
         if late := late_decisions([result.metrics for result in group]):
             texts.append(f"{name}: {late}.")
@@ -152,21 +141,17 @@ def run_table(metrics: Sequence[Mapping[str, Any]]) -> Table:
     any_closed = not all(episode["success"] for episode in metrics)
     rows = []
     for episode in metrics:
-        cells = [episode["door"], "yes" if episode["success"] else "no"]
+        cells = {"door": episode["door"], "opened": "no"}
+        if episode["success"]:
+            cells["opened"] = "yes"
         for measure in _OF_RUN:
             value = episode.get(measure.metric)
-            cells.append(
-                measure.text(None if value is None else measure.convert(value))
-            )
-        if any_closed:
-            why = why_closed(episode["failure"], episode.get("reason", ""))
-            cells.insert(_WHY, why)
-        rows.append(tuple(cells))
-    columns = ["door", "opened", *(measure.column for measure in _OF_RUN)]
-    if any_closed:
-        columns.insert(_WHY, "not opened because")
-    heads = (column.replace(" [", "\n[") for column in columns)
-    return Table(columns=tuple(heads), rows=tuple(rows))
+            number = None if value is None else measure.convert(value)
+            cells[measure.column.replace(" [", "\n[")] = measure.text(number)
+            if any_closed and len(cells) == 4:  # among the first, which are printed
+                cells[_WHY] = why_closed(episode["failure"], episode.get("reason", ""))
+        rows.append(cells)
+    return Table.of(rows)
 
 
 def write_tables(
@@ -184,16 +169,13 @@ def write_tables(
         tasks = episodes(settings, condition, range(settings.seeds))
         read, unreadable = read_files(result_path(folder, task) for task in tasks)
         results = [result for result in read if isinstance(result, EpisodeResult)]
-        if len(several) > 1:
-            parts.append(f"{condition}:")
         here = study_rows(results)
+        parts += [f"{condition}:"] * (len(several) > 1)
         parts += [*remarks(results), *unreadable, study_table(here)]
         rows += [{"condition": str(condition), **row} for row in here]
-    text = "\n\n".join(
-        part if isinstance(part, str) else markdown_table(part) for part in parts
-    )
+    texts = (part if isinstance(part, str) else markdown_table(part) for part in parts)
     with complete_or_absent(folder / "table.md") as path:
-        path.write_text(text + "\n", encoding="utf-8")
+        path.write_text("\n\n".join(texts) + "\n", encoding="utf-8")
     return parts, rows
 
 

@@ -49,10 +49,8 @@ MEASURES: Final = {
 }
 """Measures of episodes by metric; in trials, closed doors have forces too."""
 
-_DIGITS: Final = 5
-"""Significant digits in trials.json."""
-_LISTED: Final = 3
-"""Largest number of tasks that a problem lists."""
+_DIGITS, _LISTED = 5, 3
+"""Significant digits in trials.json; largest number of tasks that a problem lists."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -108,7 +106,9 @@ def answered(contrast: Contrast, levels: ByLevel) -> Answer:
         }
 
     pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
-    estimate = mean_shift if measure.share else shift
+    difference = None
+    if pairs.seeds:
+        difference = (mean_shift if measure.share else shift)(*pairs.per_seed())
     changes: dict[str, int] = {}
     if contrast.measure == "success" and contrast.lacking.level:
         both = list(zip(pairs.first, pairs.second, strict=True))
@@ -117,11 +117,7 @@ def answered(contrast: Contrast, levels: ByLevel) -> Answer:
             "forgotten": sum(having < lacking for having, lacking in both),
             "opened before": sum(lacking > 0.0 for _, lacking in both),
         }
-    return Answer(
-        contrast=contrast,
-        shift=estimate(*pairs.per_seed()) if pairs.seeds else None,
-        changes=changes,
-    )
+    return Answer(contrast=contrast, shift=difference, changes=changes)
 
 
 def summary(episodes: Iterable[EpisodeResult], name: str) -> Rate | Shift | None:
@@ -151,15 +147,19 @@ def succeeded(episode: EpisodeResult) -> bool:
     return bool(episode.number(success_measure(TRIALS[episode.task.trial])))
 
 
+def comparable(episodes: Iterable[EpisodeResult]) -> list[EpisodeResult]:
+    """Return those that count, without a prior mean, which not all policies accept."""
+    return [e for e in episodes if e.counts and e.task.prior_radius is None]
+
+
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
     """Return each policy's scores for `aggregates`, at the seeds and doors of all.
 
     For forces and other measures where less is better, a failed episode counts as worse
-    than any number; otherwise doing nothing would be best. Levels with a prior mean are
-    excluded, because not all policies accept one.
+    than any number; otherwise doing nothing would be best.
     """
     less = MEASURES[measure].better == "less"
-    ran = [e for e in episodes if e.counts and e.task.prior_radius is None]
+    ran = comparable(episodes)
     places = [(e.task.trial, e.task.level, e.task.door) for e in ran]
     seeds, strata = sorted({e.task.seed for e in ran}), sorted(set(places))
     arrays: dict[str, FloatArray] = {}
@@ -185,25 +185,33 @@ def tier_runs(results: StudyResults) -> dict[str, Runs]:
     """Return each tier's episodes of policies that took part in all its levels."""
     tiers: dict[str, Runs] = {}
     for tier, names in TIERS.items():
-        runs = by_policy(
-            episode
-            for episode in results.episodes
-            if episode.task.trial in names
-            and episode.counts
-            and episode.task.prior_radius is None
-        )
-        levels = {
-            policy: {(episode.task.trial, episode.task.level) for episode in group}
-            for policy, group in runs.items()
+        ran = comparable(e for e in results.episodes if e.task.trial in names)
+        every = {(e.task.trial, e.task.level) for e in ran}
+        complete = {
+            policy: group
+            for policy, group in by_policy(ran).items()
+            if {(e.task.trial, e.task.level) for e in group} == every
         }
-        if every := set().union(*levels.values()):
-            complete = {name: runs[name] for name in runs if levels[name] == every}
+        if ran:
             tiers[tier] = complete
     return tiers
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:
     """Return every number of trials, seed by seed, and every contrast, for JSON."""
+
+    def rounded(value: float) -> float | None:
+        return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+    def interval(estimate: Rate | Shift | None) -> dict[str, Any]:
+        """Return an estimate and its 95 % interval; None for unknown values."""
+        ends = ("estimate", "low", "high")
+        return {name: rounded(getattr(estimate, name, math.nan)) for name in ends}
+
+    def measured(name: str, episodes: Sequence[EpisodeResult]) -> dict[str, Any]:
+        seeds = [*map(rounded, MEASURES[name].seed_means(episodes))]
+        return {**interval(summary(episodes, name)), "seeds": seeds}
+
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
     for name, levels in of_trials(results).items():
@@ -214,29 +222,22 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     "episodes": len(episodes),
                     "errors": sum(bool(e.error) for e in episodes if e.counts),
                     "lost": sum(e.lost for e in episodes),
-                }
-                | {
-                    measure: _interval(summary(episodes, measure))
-                    | {
-                        "seeds": [
-                            *map(_rounded, MEASURES[measure].seed_means(episodes))
-                        ]
-                    }
-                    for measure in trial.measures
+                    **{m: measured(m, episodes) for m in trial.measures},
                 }
                 for policy, episodes in levels.get(level, {}).items()
             }
             for level in trial.levels
         }
-        for answer in (answered(contrast, levels) for contrast in trial.contrasts):
+        for contrast in trial.contrasts:
+            answer = answered(contrast, levels)
             contrasts.append(
                 {
-                    "idea": answer.contrast.idea,
+                    "idea": contrast.idea,
                     "trial": name,
-                    "measure": answer.contrast.measure,
-                    "with": str(answer.contrast.having),
-                    "without": str(answer.contrast.lacking),
-                    **_interval(answer.shift),
+                    "measure": contrast.measure,
+                    "with": str(contrast.having),
+                    "without": str(contrast.lacking),
+                    **interval(answer.shift),
                     "verdict": answer.verdict,
                     **answer.changes,
                 }
@@ -247,18 +248,6 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
         "trials": trials,
         "contrasts": contrasts,
     }
-
-
-def _interval(estimate: Rate | Shift | None) -> dict[str, Any]:
-    """Return an estimate and its 95 % interval; None for unknown values."""
-    names = ("estimate", "low", "high")
-    if estimate is None:
-        return dict.fromkeys(names)
-    return {name: _rounded(getattr(estimate, name)) for name in names}
-
-
-def _rounded(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
 def protocol_problems(results: StudyResults) -> list[str]:
@@ -273,19 +262,26 @@ def protocol_problems(results: StudyResults) -> list[str]:
         return ["there is no episode of a trial; `gplfd trials` makes them"]
     problems = [f"not a result: {reason}" for reason in results.unreadable]
 
+    def check(deviating: Sequence[EpisodeTask], text: str, who: str = "") -> None:
+        if not deviating:
+            return
+        texts = [
+            f"{task.trial}, {task.level}, {task.door}, seed {task.seed}"
+            for task in deviating[:_LISTED]
+        ]
+        if len(deviating) > _LISTED:
+            texts.append(f"and {len(deviating) - _LISTED} more")
+        problems.append(f"{who}{len(deviating)} {text}: {'; '.join(texts)}")
+
     ran = [episode for episode in trials if not episode.error]
     taught = {episode.task.demonstrations_key: episode.task for episode in ran}
     hashes = {key: demonstrations_hash(task) for key, task in taught.items()}
-    if differing := [
+    differing = [
         episode.task
         for episode in ran
         if episode.demonstrations != hashes[episode.task.demonstrations_key]
-    ]:
-        problems.append(
-            f"{len(differing)} episodes used other demonstrations, or do not state "
-            f"which: {_listed(differing)}"
-        )
-
+    ]
+    check(differing, "episodes used other demonstrations, or do not state which")
     for policy, episodes in by_policy(trials).items():
         # Comparison with the episodes that the protocol plans.
         names = tuple(dict.fromkeys(episode.task.trial for episode in episodes))
@@ -299,14 +295,10 @@ def protocol_problems(results: StudyResults) -> list[str]:
         missing = [task for draw, task in planned.items() if draw not in drawn]
         strange = [task for draw, task in drawn.items() if draw not in planned]
         lost = [episode.task for episode in episodes if episode.lost]
-        for deviating, text in (
-            (missing, f"of {len(planned)} are missing"),
-            (strange, "are not the protocol's"),
-            (lost, "episodes were lost by the machine"),
-        ):
-            if deviating:
-                listed = _listed(deviating)
-                problems.append(f"{policy}: {len(deviating)} {text}: {listed}")
+        who = f"{policy}: "
+        check(missing, f"of {len(planned)} are missing", who)
+        check(strange, "are not the protocol's", who)
+        check(lost, "episodes were lost by the machine", who)
         made = f"{policy}: they were made by"
         codes = list(dict.fromkeys(episode.code for episode in episodes))
         if len(codes) > 1:
@@ -322,9 +314,3 @@ def _draw_of(task: EpisodeTask) -> str:
     for name in ("policy", "policy_source"):
         fields.pop(name, None)
     return json.dumps(fields, sort_keys=True)
-
-
-def _listed(tasks: Sequence[EpisodeTask]) -> str:
-    texts = [f"{t.trial}, {t.level}, {t.door}, seed {t.seed}" for t in tasks]
-    more = f"; and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
-    return "; ".join(texts[:_LISTED]) + more
