@@ -11,7 +11,6 @@ import pytest
 from matplotlib.collections import FillBetweenPolyCollection
 from scipy.stats import f as fisher
 
-from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.analysis.figures import (
     adaptation,
     learned,
@@ -24,13 +23,11 @@ from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.forecast_error import forecast_errors
 from gplfd_experiments.workflows import figures as module
 from gplfd_experiments.workflows.figures import material
 from gplfd_policies import align
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
-from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry.catalogue import make_agent
 
@@ -304,43 +301,6 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     marks = [line for line in use.lines if line.get_marker() == "v"]
     np.testing.assert_array_equal(marks[0].get_xdata(), log.times[20:23])
     assert len(np.asarray(marks[1].get_xdata())) == 0
-
-
-def test_forecasts_are_of_what_is_still_to_come(opened, monkeypatch):
-    monkeypatch.setattr(adaptation, "SHARES", (0.05, 0.15))
-    log = opened.episodes["large"]
-    agents = adaptation.agents_of_forms(opened.demonstrations.demonstrations)
-    for agent in agents.values():
-        for forecast in adaptation.foretold(log, agent):
-            rest = forecast.rest
-            assert rest.times[-1] == 1.0
-            variance = np.diagonal(rest.covariance, axis1=1, axis2=2).T
-            np.testing.assert_allclose(variance, rest.std**2, rtol=1e-6)
-            from_hinge = forecast.truth[:, (0, 2)] - [0.0, -log.radius]
-            distance = np.linalg.norm(from_hinge, axis=1)
-            np.testing.assert_allclose(distance, log.radius, atol=2e-3)
-    # Where it will go; when is another matter.
-    errors = [error for error in forecast_errors(log, DEMONSTRATED_ANGLE) if error]
-    assert errors[-1] < 0.2 * errors[0]
-
-
-def test_forecast_scores_by_hand():
-    ramp = np.outer([0.0, 0.1, 0.2, 0.3], np.ones(6))
-    rest = GaussianTrajectory(
-        times=np.array([0.7, 0.8, 0.9, 1.0]),
-        mean=ramp,
-        std=np.full((4, 6), 0.01),
-        mean_rate=ramp,
-        std_rate=ramp,
-        covariance_function=lambda: np.zeros((6, 4, 4)),
-    )
-    truth = ramp[:2].copy()
-    truth[0, 0] += 0.03  # outside
-    truth[1, 2] -= 0.01  # inside
-    truth[:, 1] += 1.0  # not on the plane
-    forecast = adaptation.Forecast(rest=rest, truth=truth)
-    assert forecast.coverage() == pytest.approx(3 / 4)
-    assert forecast.rms_error() == pytest.approx(np.sqrt((0.03**2 + 0.01**2) / 2))
 
 
 def test_the_command_draws_some_figures_and_keeps_their_runs(

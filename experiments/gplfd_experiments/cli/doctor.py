@@ -33,7 +33,6 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "learners": "the diffusion policy of the examples",
         "warp": "doors on a GPU (experimental)",
         "video": "videos of `gplfd run --video`",
-        "tiago": "the manufacturer's meshes in recordings",
     }
 )
 """Extras of this package and their purpose, without those for developers."""

@@ -30,7 +30,7 @@ from gplfd_experiments.recording.parts import (
     mechanism,
     mechanism_of,
 )
-from gplfd_experiments.recording.scene import BodyMeshes, drawn_scene, moved_scene
+from gplfd_experiments.recording.scene import drawn_scene, moved_scene
 from gplfd_experiments.recording.stream import page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -49,20 +49,18 @@ def record_episode(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: BodyMeshes | None = None,
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
-    The episode ran in the model; ``looks`` replace the robot's shapes. Raises
-    ValueError for a log that does not fit the model, and OSError if the file cannot be
-    written.
+    The episode ran in the model. Raises ValueError for a log that does not fit it, and
+    OSError if the file cannot be written.
     """
     check_model(log, model)
     parts = mechanism_of(model, log.config)
     curves = [*panels(log, mean_radius(demonstrations))]
     drawn = {chunk.entity_path for chunk in curves}
     views = layout(kinds_of(log), parts, log.config.hinge_side, drawn)
-    chunks = itertools.chain(curves, episode_chunks(log, model, demonstrations, looks))
+    chunks = itertools.chain(curves, episode_chunks(log, model, demonstrations))
     name = f"{log.door} door, {log.policy}, seed {log.seed}"
     write_recording(path, name, views, chunks)
 
@@ -82,10 +80,9 @@ def episode_chunks(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: BodyMeshes | None = None,
 ) -> Iterator[Chunk]:
     """Return all chunks but the time series: scene, policy, lanes and page."""
-    yield from drawn_scene(model, looks)
+    yield from drawn_scene(model)
     yield from door_frame(model, log.config, demonstrations)
     yield from moved_scene(model, log)
     for chunks_of in (policy_motion, hand_motion, hand_stiffness, stiffness_lane):

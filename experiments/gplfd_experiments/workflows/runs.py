@@ -18,7 +18,6 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.urdf import chosen
-from gplfd_env.scene.build import build_scene
 from gplfd_experiments.console.arguments import (
     check_circumstances,
     check_folder,
@@ -40,8 +39,6 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doo
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording.episode import record_episode
-from gplfd_experiments.recording.scene import BodyMeshes
-from gplfd_experiments.recording.tiago_meshes import tiago_looks
 from gplfd_experiments.recording.video import (
     STANDARD,
     check_video,
@@ -105,12 +102,6 @@ def open_doors(
     check_folder(folder)
     files = _demonstrations_files(tasks)
     _check_files(folder, tasks, files.values(), videos.values())
-    looks: BodyMeshes | None = None
-    if settings.looks == "tiago":
-        if settings.robot != "tiago-like":
-            raise ValueError(f"--looks tiago is not for --robot {settings.robot}")
-        scene = build_scene(DoorConfig())
-        looks = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
     _check_source(settings, tasks)
 
     started = time.perf_counter()
@@ -134,7 +125,7 @@ def open_doors(
             log.save(folder / f"{task.door}.npz")
             demonstrations = learned[task.demonstrations_key].labelled.demonstrations
             recording = folder / f"{task.door}.rrd"
-            record_episode(recording, log, model, demonstrations, looks)
+            record_episode(recording, log, model, demonstrations)
             if video := videos.get(task.door):
                 images = write_video(video, log, model, STANDARD)
                 seconds = images / STANDARD.rate

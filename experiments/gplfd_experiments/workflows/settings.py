@@ -54,10 +54,6 @@ class RunSettings(EpisodeSettings):
     skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Use this skill, a file written by `gplfd learn`, instead of learning one."""
 
-    looks: Literal["primitives", "tiago"] = "primitives"
-    """Shapes of the robot in recordings: simple ones, or the manufacturer's meshes of
-    the package example-robot-data (pip install 'gplfd[tiago]')."""
-
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Also write a video of the episode in real time; for several doors, one file per
     door, FILE-DOOR.mp4. Needs pip install 'gplfd[video]'."""

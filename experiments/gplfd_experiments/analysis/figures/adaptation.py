@@ -1,7 +1,7 @@
-"""Fig. 9, Section IV-B: adaptation while the door opens; forecasts of three forms."""
+"""Fig. 9, Section IV-B: adaptation while the door opens."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -10,20 +10,14 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.learned import PLANE, arc, shade_region
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import opening_motion, prediction_errors
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies import Demonstration
-from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.agents.agent import Agent, as_agent
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.movements.movement import GaussianTrajectory
-from gplfd_policies.registry.built_in import GP
 from gplfd_policies.registry.catalogue import make_agent
-from gplfd_policies.registry.method import TrainingInput
 
 SHOWN: Final = "large"
 DOORS: Final = ("small", "medium", "large", "0.42")
@@ -225,122 +219,3 @@ def draw_opening(rows: NDArray[np.object_], opening: Opening) -> None:
         for panel in row:
             panel.plot(*truth, linewidth=1.0, **look)
         row[0].set_ylabel(f"${_OUTPUTS[output]}$ [m]")
-
-
-# --- Not in the paper: forecasts by three forms of adaptation -------------------------
-
-FORMS: Final = ("product", "exact", "process")
-"""Forms of adaptation of `gp` that are compared."""
-SHARES: Final = (0.05, 0.15, 0.30)
-"""Observed share of the opening angle."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Forecast:
-    """Forecast of the rest of an opening by one form, and the true poses."""
-
-    rest: GaussianTrajectory
-    """Forecast at the remaining phases, (M',)."""
-    truth: FloatArray
-    """True poses of the handle at these phases, (M', 6); to the end of the episode."""
-
-    def rms_error(self) -> float:
-        """Rms distance of the mean from the truth in the plane [m]."""
-        error = (self.rest.mean[: len(self.truth)] - self.truth)[:, PLANE]
-        return float(np.sqrt((error**2).sum(axis=1).mean()))
-
-    def coverage(self) -> float:
-        """Share of the true x and z inside their 95 % intervals."""
-        future = self.rest[: len(self.truth)]
-        return float(future.inside(self.truth)[:, PLANE].mean())
-
-
-def agents_of_forms(demonstrations: Sequence[Demonstration]) -> dict[str, Agent]:
-    """Return agents of `gp` that differ in the form of adaptation, by form."""
-    training = TrainingInput(demonstrations=demonstrations)
-    agents = {}
-    for form in FORMS:
-        method = GP
-        if form != "process":
-            method = replace(GP, adaptation=ADAPTATIONS[form], door_adaptation=None)
-        agents[form] = as_agent(method(training))
-    return agents
-
-
-def foretold(log: EpisodeLog, agent: Agent) -> list[Forecast]:
-    """Replay an opening to an agent and return its forecast at each share of it."""
-    angles = log.opening.door_angle
-    rows = [int(np.argmax(angles >= share * float(angles.max()))) for share in SHARES]
-    reached, first = np.unique(
-        np.maximum.accumulate(log.decisions.observed_phase), return_index=True
-    )
-    forecasts: list[Forecast] = []
-    decided = decisions(log, agent)
-    for row, decision in zip(range(rows[-1] + 1), decided, strict=False):
-        if row in rows:
-            policy = expectation(agent)
-            rest = policy[policy.times > float(decision.observed_phase)]
-            # Up to the end of the episode.
-            to_come = rest.times[rest.times <= reached[-1]]
-            truth = interpolated(to_come, reached, log.opening.handle_pose[first])
-            forecasts.append(Forecast(rest=rest, truth=truth))
-    return forecasts
-
-
-def forecasts(material: Material) -> tuple[Figure, str]:
-    """Draw forms in columns and shares of the opening in rows, at equal scales."""
-    agents = agents_of_forms(material.demonstrations.demonstrations)
-    by_door = {
-        door: {form: foretold(material.episodes[door], agents[form]) for form in FORMS}
-        for door in DOORS
-    }
-    log = material.episodes[SHOWN]
-    figure = style.new_figure(style.PAGE, 5.9)
-    rows = figure.subplots(len(SHARES), len(FORMS), sharex=True, sharey=True)
-    angles = np.linspace(0.0, float(log.opening.door_angle.max()), 200)
-    path = arc(log.radius, angles)
-    titles, numbers = [], []
-    for index, share in enumerate(SHARES):
-        means = []
-        for panel, form in zip(rows[index], FORMS, strict=True):
-            forecast = by_door[SHOWN][form][index]
-            shade_region(panel, forecast.rest, style.ADAPTED)
-            seen = round(share * (len(path) - 1)) + 1
-            panel.plot(*path[:seen].T, color=style.TRUTH, linewidth=2.4)
-            panel.plot(*path.T, color=style.TRUTH, linewidth=1.2)
-            mean = forecast.rest.mean[:, PLANE]
-            panel.plot(*mean.T, color=style.ADAPTED, linestyle="--")
-            panel.set_aspect("equal")
-            error, inside = 1e3 * forecast.rms_error(), 100.0 * forecast.coverage()
-            titles.append(f"{form}: {error:.0f} mm off, {inside:.0f} % inside")
-            every = [by_form[form][index] for by_form in by_door.values()]
-            error = 1e3 * float(np.mean([one.rms_error() for one in every]))
-            inside = 100.0 * float(np.mean([one.coverage() for one in every]))
-            means.append(f"{form} {error:.0f} mm, {inside:.0f} %")
-        rows[index, 0].set_ylabel(f"after {100.0 * share:.0f} %\n$z$ [m]")
-        numbers.append(f"after {100.0 * share:.0f} %: {'; '.join(means)}")
-    style.name_panels(rows.flat, titles)
-    for panel in rows[-1]:
-        panel.set_xlabel("$x$ [m]")
-    rows[0, 0].set(xlim=(-0.06, 0.92), ylim=(-0.62, 0.06))
-    style.legend_above(
-        figure,
-        {
-            "true arc (thick: seen)": style.legend_line(style.TRUTH),
-            "mean of the forecast": style.legend_line(style.ADAPTED, "--"),
-            "its 95 % region": Patch(color=style.ADAPTED, alpha=0.2),
-        },
-    )
-    radii = ", ".join(f"{material.episodes[door].radius:.2f}" for door in DOORS)
-    return figure, (
-        f"Forecasts of the rest of the opening of a door of {log.radius:.2f} m in the "
-        "plane in which it opens, after 5, 15 and 30 % of its angle, by three forms of "
-        "adaptation with the same observations: the paper's product of Gaussians, "
-        "exact conditioning of its model, and conditioning of the demonstrated process "
-        "(the default). Dashed: mean; shaded: union of the joint 95 % regions of x and "
-        "z; green: the true arc. Above the panels: rms distance of the mean from the "
-        "rest of the true path, and share of the true x and z inside the 95 % "
-        f"intervals of their phase. Means over doors of {radii} m: "
-        f"{'. '.join(numbers)}. The true pose is taken at the phase that the agent "
-        "later estimates, so that phase errors count as errors of x and z."
-    )

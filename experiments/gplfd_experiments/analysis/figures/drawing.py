@@ -31,11 +31,8 @@ FIGURES: Final[Mapping[str, PaperFigure]] = {
     "fig10": PaperFigure(
         "Stiffness and its stability", stiffness.fig10, stiffness.DOORS
     ),
-    "forecasts": PaperFigure(
-        "Forecasts of the rest of the opening", adaptation.forecasts, adaptation.DOORS
-    ),
 }
-"""Figures of the paper by their number, and one additional figure."""
+"""Figures of the paper by their number."""
 
 CAPTIONS: Final = "captions.md"
 
