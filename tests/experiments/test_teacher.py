@@ -20,7 +20,6 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
     doors_like,
 )
-from gplfd_experiments.data.teacher.habits import irregular_timing, lose_samples
 from gplfd_experiments.data.teacher.handle_motion import (
     Press,
     draw_press,
@@ -28,6 +27,8 @@ from gplfd_experiments.data.teacher.handle_motion import (
 )
 from gplfd_experiments.data.teacher.random_motion import (
     coloured_noise,
+    irregular_timing,
+    lose_samples,
     minimum_jerk,
     smooth_functions,
 )

@@ -23,8 +23,7 @@ from gplfd_experiments.data.teacher.forces import (
     handle_torque,
     hinge_torque,
 )
-from gplfd_experiments.data.teacher.habits import MESSY, TIDY
-from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.data.teacher.random_motion import MESSY, TIDY, minimum_jerk
 from gplfd_experiments.studies.tasks import noisy_teacher
 
 SIZES = [one.name for one in dataclasses.fields(ForceConfig) if "time" not in one.name]

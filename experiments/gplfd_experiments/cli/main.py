@@ -157,7 +157,9 @@ def _prepare(record: Any) -> None:
     }
     for option in dataclasses.fields(record):
         if option.name in texts:
-            option.metadata = MappingProxyType({"help": texts[option.name]})
+            option.metadata = MappingProxyType(
+                {**option.metadata, "help": texts[option.name]}
+            )
         kind, *_ = parts = (*get_args(option.type), None)
         if dataclasses.is_dataclass(kind):  # Options that several commands share.
             _prepare(kind)

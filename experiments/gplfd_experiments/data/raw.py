@@ -1,7 +1,7 @@
 """A motion as read from its file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -9,11 +9,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.records import own_arrays, owned
+from gplfd_policies.arrays.records import owned
 
 _LISTED: Final = 30  # Largest number of names in a message.
 ROW: Final = 10
 """Samples in a row that tell a clock that restarts from samples that come late."""
+_WIDTHS: Final = {"positions": (3,), "times": (), "quaternions": (4,), "wrenches": (6,)}
+"""Arrays of a recording, and the shape of a sample of each."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,33 +49,30 @@ class RawRecording:
     and free of bias and weight; None if it states nothing about its forces."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
     """Other arrays, (N, d), such as "gripper"."""
-    untimed: str = ""
-    """Hint at possible times in a file without times; continues a message."""
     notes: tuple[str, ...] = ()
     """Notes of the reader of the file."""
 
     def __post_init__(self) -> None:
-        for name in ("positions", "times", "quaternions", "wrenches"):
-            if getattr(self, name) is not None:
-                own_arrays(self, name)
-        signals = {name: owned(array) for name, array in self.signals.items()}
-        object.__setattr__(self, "signals", signals)
-        rows = len(self.positions) if self.positions.ndim else 0
-        for name, array, shape in (
-            ("positions", self.positions, (rows, 3)),
-            ("times", self.times, (rows,)),
-            ("quaternions", self.quaternions, (rows, 4)),
-            ("wrenches", self.wrenches, (rows, 6)),
-            *((name, a, (rows, *a.shape[-1:])) for name, a in signals.items()),
-        ):
-            if array is not None and array.shape != shape:
-                raise ValueError(
-                    f"{self.name}: {name} must have shape {shape}, got {array.shape}"
-                )
+        rows = len(self.positions)
         if rows < 2:
             raise ValueError(
                 f"{self.name} has {rows} samples; a motion needs at least two"
             )
+        for name, width in _WIDTHS.items():
+            if (array := getattr(self, name)) is not None:
+                if array.shape != (rows, *width):
+                    raise ValueError(
+                        f"{self.name}: {name} must have shape {(rows, *width)}, got "
+                        f"{array.shape}"
+                    )
+                object.__setattr__(self, name, owned(array))
+
+    def part(self, rows: Any) -> "RawRecording":
+        """Return the recording of some samples, as NumPy indexes."""
+        arrays = {name: getattr(self, name) for name in _WIDTHS}
+        selected = {n: array[rows] for n, array in arrays.items() if array is not None}
+        signals = {name: signal[rows] for name, signal in self.signals.items()}
+        return replace(self, signals=signals, **selected)
 
 
 def chosen(
@@ -87,12 +86,11 @@ def chosen(
     if not known:
         raise ValueError(f"{file} has no {what}")
     names = ", ".join(sorted(known)[:_LISTED]) + (", …" if len(known) > _LISTED else "")
-    if wanted is None:
-        if len(known) > 1:
-            raise ValueError(
-                f"{file} has more than one {what}; choose with --body: {names}"
-            )
-        (wanted,) = known
+    if wanted is None and len(known) > 1:
+        raise ValueError(
+            f"{file} has more than one {what}; choose with --body: {names}"
+        )
+    wanted = next(iter(known)) if wanted is None else wanted
     if wanted not in known:
         hint = nearest_name(wanted, known)
         raise ValueError(f"{file} has no {what} {wanted!r}{hint}; it has {names}")

@@ -13,21 +13,18 @@ from typing import Annotated, Any, Final, Literal
 
 import tyro
 
+from gplfd_env.validation.fields import Quantities, check_choice, quantity
+
 METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 SECONDS: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
 """Units by name, in metres, seconds and radians."""
-
-Pose = tuple[float, ...]
-"""x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
-Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
-
 POSE: Final = "x,y,z,qw,qx,qy,qz"
 _FRAMES: Final = ("first-pose", "recorded", "hinge")
-_CHOICES: Final[Mapping[str, Any]] = {
-    "units": METRES,
-    "time_unit": SECONDS,
-    "quaternions": ("wxyz", "xyzw"),
+_CHOICES: Final[Mapping[str, tuple[str | None, ...]]] = {
+    "units": (None, *METRES),
+    "time_unit": (None, *SECONDS),
+    "quaternions": (None, "wxyz", "xyzw"),
     "force_on": ("hand", "object"),
     "force_axes": ("hand", "recorded"),
 }
@@ -35,13 +32,8 @@ _ANGLES: Final = re.compile(
     r"(rad|deg)|euler-((?!.*(.)\3)(?:[xyz]{3}|[XYZ]{3}))(?:-(rad|deg))?"
 )
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
-_LEAST: Final = {
-    **dict.fromkeys(("cutoff", "rate", "force_rest", "tool_weight"), 0.0),
-    **dict.fromkeys(("recorded_rate", "largest_gap"), 1e-5),
-}
-_GREATEST: Final = 1e5
-"""Range of numbers [Hz, s or N]."""
-
+_POSITIVE: Final[Mapping[str, float]] = {"low": 0.0, "high": 1e5}
+_NONZERO: Final[Mapping[str, float]] = {"low": 1e-5, "high": 1e5}
 _USUAL_STEP: Final = (9e-4, 0.9)
 """Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
 of 1,000, as units of time do, so that at most one unit fits."""
@@ -109,8 +101,18 @@ def _segments(text: str) -> Any:
         return text
 
 
+Pose = tuple[float, ...]
+"""x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
+Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
+_Pose = Annotated[Pose, of_text("POSE", numbers(POSE))]
+_Vector = Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))]
+_Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+_Hertz = Annotated[float, tyro.conf.arg(metavar="HZ")]
+_Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ImportSettings:
+class ImportSettings(Quantities):
     """What is read from motion files, what they do not state, and how it is prepared.
 
     The defaults suit a hand recorded at 50 Hz or more.
@@ -119,136 +121,94 @@ class ImportSettings:
         ValueError: A value is outside its range, or is not a pose.
     """
 
-    body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    body: _Name = None
     """Moving object: a segment, joint, one or three markers, topic, array, or arrays
     A,B."""
-
     columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _columns)] = ()
     """Names of the columns of a table without a header, in order, with - for a column
     to ignore, or NAME=HEAD for some columns of a header; known names are t, x, y, z,
     qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""
-
     units: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of positions; overrides the unit in the file. Default: that unit, or
     metres."""
-
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     """Unit of times in tables and arrays; overrides the unit in the file. Default: that
     unit, or seconds."""
-
     angles: Annotated[str | None, tyro.conf.arg(metavar="rad|deg|euler-xyz[-deg]")] = (
         None
     )
     """Unit of rotation vectors and Euler angles; overrides the unit in the file.
     Default: that unit, or radians. With euler-, angles are about these axes, in any
     order of SciPy: euler-xyz about fixed axes, euler-ZYX about those of the hand."""
-
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of quaternion components without names."""
-
-    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = quantity(
+        None, unit="Hz", **_NONZERO
+    )
     """Samples per second of recordings without time stamps."""
-
     urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Robot whose joint states were recorded."""
-
-    link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    link: _Name = None
     """Link of this robot that is the hand."""
-
-    wrench: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    wrench: _Name = None
     """Source of the forces: a topic of WrenchStamped, a feature or an observation."""
-
     force_on: Literal["hand", "object"] = "hand"
     """Recorded forces are those of the environment on the hand, or of the hand on the
     object. Data sets of gplfd contain this and all following force options."""
-
     force_axes: Literal["hand", "recorded"] = "hand"
     """Axes of forces: those of the sensor, which moves with the hand, or of the
     poses."""
-
-    force_sensor: Annotated[Pose, of_text("POSE", numbers(POSE))] = (
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    force_sensor: _Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
     [m]. Moments are about its origin."""
-
-    force_rest: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0
+    force_rest: _Seconds = quantity(0.0, unit="s", **_POSITIVE)
     """Time at the start without contact of the hand [s]; the mean force in this time is
     the bias that is removed. 0 removes no bias."""
-
-    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
+    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = quantity(
+        0.0, unit="N", **_POSITIVE
+    )
     """Weight of the tool on the sensor, which is subtracted [N]."""
-
-    tool_centre: Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    tool_centre: _Vector = (0.0, 0.0, 0.0)
     """Centre of mass of the tool in the frame of the sensor [m]."""
-
-    gravity: Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))] = (
-        0.0,
-        0.0,
-        -1.0,
-    )
+    gravity: _Vector = (0.0, 0.0, -1.0)
     """Direction of gravity in the frame of the recorded poses."""
-
     frame: Annotated[str | Pose, of_text("FRAME", numbers(POSE))] = "first-pose"
     """Frame of the resulting poses: first-pose (the first pose of each motion),
     recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
     [m]."""
-
     offset: Annotated[Pose | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
-
     segment: Annotated[Segments, of_text("HOW", _segments)] = "none"
     """Repetitions in a recording: none, rests or turns (the motions between them,
     without motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
-
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
-
-    cutoff: Annotated[float, tyro.conf.arg(metavar="HZ")] = 10.0
+    cutoff: _Hertz = quantity(10.0, unit="Hz", **_POSITIVE)
     """Cut-off of the low-pass filter; 0 disables the filter."""
-
-    rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
+    rate: _Hertz = quantity(100.0, unit="Hz", **_POSITIVE)
     """Samples per second of the result; 0 keeps the recorded samples."""
-
-    largest_gap: Annotated[float, tyro.conf.arg(metavar="S")] = 0.5
+    largest_gap: _Seconds = quantity(0.5, unit="s", **_NONZERO)
     """Longest gap between samples that is interpolated [s]."""
 
     def __post_init__(self) -> None:
+        Quantities.__post_init__(self)
         angles_of(self.angles)
-        for name, known in _CHOICES.items():
-            value = getattr(self, name)
-            if value is not None and value not in known:
-                raise ValueError(f"{name} {value!r} must be one of {', '.join(known)}")
-        for name, least in _LEAST.items():
-            value = getattr(self, name)
-            if value is not None and not least <= value <= _GREATEST:
-                raise ValueError(
-                    f"{name} = {value:g} must be {least:g} to {_GREATEST:g}"
-                )
+        for name, allowed in _CHOICES.items():
+            check_choice(name, getattr(self, name), allowed)
         for name in ("force_sensor", "offset", "frame"):
             pose = getattr(self, name)
-            if isinstance(pose, str) and name != "frame":
-                raise ValueError(f"{name} {pose!r} must be numbers {POSE}")
-            if pose is not None and not isinstance(pose, str):
-                norm = math.hypot(*pose[3:])
-                valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
-                if not valid or not math.isfinite(sum(pose)):
-                    raise ValueError(
-                        f"{name} = {pose} must be x,y,z [m] and a unit quaternion "
-                        "qw,qx,qy,qz"
-                    )
-                unit = (*pose[:3], *(part / norm for part in pose[3:]))
-                object.__setattr__(self, name, unit)
+            if pose is None or (name == "frame" and pose in _FRAMES):
+                continue
+            norm = 0.0 if isinstance(pose, str) else math.hypot(*pose[3:])
+            valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
+            if not valid or not math.isfinite(sum(pose)):
+                others = f"one of {', '.join(_FRAMES)}, or " * (name == "frame")
+                raise ValueError(
+                    f"{name} = {pose!r} must be {others}a pose x,y,z [m] and a unit "
+                    "quaternion qw,qx,qy,qz"
+                )
+            unit = (*pose[:3], *(part / norm for part in pose[3:]))
+            object.__setattr__(self, name, unit)
         for name in ("tool_centre", "gravity"):
             vector = getattr(self, name)
             three = not isinstance(vector, str) and len(vector) == 3
@@ -261,17 +221,9 @@ class ImportSettings:
                 "the sensor is turned in the hand, and its forces are in the axes of "
                 "the recorded poses; give its position alone, x,y,z,1,0,0,0"
             )
-        if isinstance(self.frame, str) and self.frame not in _FRAMES:
+        times = () if self.segment in ("none", "rests", "turns") else self.segment
+        if isinstance(times, str) or not all(start < end for start, end in times):
             raise ValueError(
-                f"frame {self.frame!r} must be one of {', '.join(_FRAMES)}, or a pose "
-                f"{POSE}"
+                f"segment = {times!r} must be none, rests, turns, or times such as "
+                "1.5-4.2,6-9.5 [s], each start before its end"
             )
-        named = self.segment in ("none", "rests", "turns")
-        if isinstance(self.segment, str) and not named:
-            raise ValueError(
-                f"segment {self.segment!r} must be none, rests, turns, or times such "
-                "as 1.5-4.2,6-9.5 [s]"
-            )
-        for start, end in () if isinstance(self.segment, str) else self.segment:
-            if not start < end:
-                raise ValueError(f"a segment from {start} to {end} s ends too early")

@@ -5,14 +5,13 @@ Every step of the preparation writes notes about its changes and findings.
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from gplfd_experiments.data.preparation import frames, timing
 from gplfd_experiments.data.preparation.samples import (
-    Note,
     Notes,
     Samples,
     of_one_clock,
@@ -51,7 +50,7 @@ class Motion:
     """Radius of the circle on which it moves as with a door [m]."""
     recorded: Samples
     """The recorded motion, changed only by its unit and missing samples."""
-    notes: tuple[Note, ...]
+    notes: Notes
     """Changes and findings."""
 
 
@@ -90,29 +89,22 @@ def prepare(
     for place, motion in enumerate(motions):
         same = first.setdefault(motion.recorded.poses.round(6).tobytes(), place)
         if same < place:
-            again = Note(f"the same motion as {same}: leave it out", warning=True)
-            motions[place] = replace(motion, notes=(*motion.notes, again))
-    turning = [place for place, motion in enumerate(motions) if motion.circle]
+            motion.notes.warn(f"the same motion as {same}: leave it out")
+    turning = [motion for motion in motions if motion.circle]
     if settings.frame in ("first-pose", "recorded") and turning:
-        motion, others = motions[turning[0]], len(turning) - 1
-        text = (
-            f"moves on a circle of radius {motion.circle:.2f} m"
-            + f", as {others} more do" * bool(others)
-            + ": to open doors with it, say --frame hinge"
+        others = f", as {len(turning) - 1} more do" if len(turning) > 1 else ""
+        turning[0].notes.warn(
+            f"moves on a circle of radius {turning[0].circle:.2f} m{others}: to open "
+            "doors with it, say --frame hinge"
         )
-        noted = (*motion.notes, Note(text, warning=True))
-        motions[turning[0]] = replace(motion, notes=noted)
-    if len(motions) < 4:
-        return tuple(motions)
-    # Report motions that are unlike the others.
-    with warnings.catch_warnings():
-        # Warnings about noise; they are issued when the demonstrations are learned.
-        warnings.simplefilter("ignore", UserWarning)
-        shown = [motion.demonstration for motion in motions]
-        aligned = align(shown, n_samples=_COMPARED, trim_rests=False)
-    for place, text in timing.outliers(list(aligned.poses)).items():
-        odd, note = motions[place], Note(f"unlike the others: {text}", warning=True)
-        motions[place] = replace(odd, notes=(*odd.notes, note))
+    if len(motions) >= 4:
+        with warnings.catch_warnings():
+            # Warnings about noise; they are issued when demonstrations are learned.
+            warnings.simplefilter("ignore", UserWarning)
+            demonstrations = [motion.demonstration for motion in motions]
+            aligned = align(demonstrations, n_samples=_COMPARED, trim_rests=False)
+        for place, text in timing.outliers(list(aligned.poses)).items():
+            motions[place].notes.warn(f"unlike the others: {text}")
     return tuple(motions)
 
 
@@ -127,7 +119,7 @@ def _motion(
     """Prepare one repetition with a limited number of samples."""
     samples = timing.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
-    span = float(np.ptp(samples.poses[:, :3], axis=0).max())
+    span = float(np.ptp(samples.positions, axis=0).max())
     if span > _LARGE:
         unit = "millimetres" if span > 100.0 * _LARGE else "centimetres"
         notes.warn(f"it spans {span:.3g} m: are positions in {unit}? say --units")
@@ -136,18 +128,15 @@ def _motion(
     samples = timing.filtered(samples, settings.cutoff, notes)
     if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))
-        kept = (samples.times >= start) & (samples.times <= end)
-        if not kept.all():
-            cut = start - samples.times[0], samples.times[-1] - end
+        before, after = start - samples.times[0], samples.times[-1] - end
+        if before > 0.0 or after > 0.0:
+            samples = samples[(samples.times >= start) & (samples.times <= end)]
             notes.add(
-                f"rests of {cut[0]:.2f} s at the start and {cut[1]:.2f} s at the end "
-                "cut"
+                f"rests of {before:.2f} s at the start and {after:.2f} s at the end cut"
             )
-            samples = samples[kept]
     opening = frames.on_circle(samples)
-    has_orientations = np.ptp(samples.poses[:, 3:], axis=0).any()
     doubt = frames.doubtful_rotation(opening.poses, reading)
-    if has_orientations and doubt is not None:
+    if doubt is not None and np.ptp(samples.poses[:, 3:], axis=0).any():
         notes.warn(doubt)
     if settings.frame == "hinge" and len(opening.times) < len(samples.times):
         reach = opening.times[0] - samples.times[0]
@@ -166,12 +155,14 @@ def _motion(
         radius=radius,
         circle=frames.radius_of_door(opening.poses),
         recorded=recorded,
-        notes=tuple(notes),
+        notes=notes,
     )
 
 
 def _demonstration(samples: Samples) -> Demonstration:
-    positions, quaternions = samples.poses[:, :3], samples.poses[:, 3:]
     return Demonstration.from_quaternions(
-        samples.times, positions, quaternions, wrenches=samples.wrenches
+        samples.times,
+        samples.positions,
+        samples.poses[:, 3:],
+        wrenches=samples.wrenches,
     )

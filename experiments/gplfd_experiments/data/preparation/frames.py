@@ -3,6 +3,7 @@
 A wrench is a force and a moment about a point, (f_x, f_y, f_z, m_x, m_y, m_z) [N, N m].
 """
 
+import itertools
 import math
 from dataclasses import fields, replace
 from typing import Final, NamedTuple
@@ -60,28 +61,23 @@ def find_hinge(positions: FloatArray) -> Hinge:
     """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
 
     Raises:
-        ValueError: The arc has fewer than three samples or is too short, or the motion
-            is not circular.
+        ValueError: There are fewer than three samples, the arc is too short, or the
+            motion is not circular.
     """
-    instead = "give --frame first-pose or a pose"
-    if len(positions) < 3:
-        raise ValueError(
-            f"no hinge can be found from {len(positions)} samples, needs 3; {instead}"
+    problem = "it has fewer than three samples"
+    if len(positions) >= 3:
+        hinge = _fitted(positions)
+        arc, off = np.ptp(hinge.angles), hinge.residual
+        if arc >= _SHORTEST and off <= _ROUND * hinge.radius:
+            return hinge
+        problem = (
+            f"it is an arc of {math.degrees(arc):.1f}°, {1e3 * off:.0f} mm (rms) off a "
+            f"circle of {hinge.radius:.2f} m"
         )
-    hinge = _fitted(positions)
-    arc = np.ptp(hinge.angles)
-    if arc < _SHORTEST:
-        raise ValueError(
-            f"no hinge can be found from an arc of {math.degrees(arc):.1f}°, only from "
-            f"{math.degrees(_SHORTEST):.0f}°; {instead}"
-        )
-    if hinge.residual > _ROUND * hinge.radius:
-        raise ValueError(
-            f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
-            f"{hinge.radius:.2f} m, so it has no hinge; {instead}, or part it into "
-            "repetitions (--segment)"
-        )
-    return hinge
+    raise ValueError(
+        f"the motion has no hinge: {problem}; give --frame first-pose or a pose, or "
+        "part it into repetitions (--segment)"
+    )
 
 
 def _fitted(positions: FloatArray, *, precisely: bool = True) -> Hinge:
@@ -114,18 +110,21 @@ def _fitted(positions: FloatArray, *, precisely: bool = True) -> Hinge:
     return Hinge(centre, normal * handed, float(fit[2]), angles, residual)
 
 
-def radius_of_door(poses: FloatArray) -> float | None:
-    """Return the radius of a motion as of a door [m], None if it is not so round."""
+def door_hinge(positions: FloatArray) -> Hinge | None:
+    """Return the hinge of a motion that turns as far as a door, None of another."""
     try:
-        hinge = find_hinge(poses[:, :3])
+        hinge = find_hinge(positions)
     except ValueError:
         return None
-    like_a_door = (
-        _DOORS[0] <= hinge.radius <= _DOORS[1]
-        and np.ptp(hinge.angles) >= _LEAST_TURN
-        and hinge.residual <= _UNROUND * hinge.radius
-    )
-    return hinge.radius if like_a_door else None
+    return hinge if np.ptp(hinge.angles) >= _LEAST_TURN else None
+
+
+def radius_of_door(poses: FloatArray) -> float | None:
+    """Return the radius of a motion as of a door [m], None if it is not so round."""
+    hinge = door_hinge(poses[:, :3])
+    if hinge is None or hinge.residual > _UNROUND * hinge.radius:
+        return None
+    return hinge.radius if _DOORS[0] <= hinge.radius <= _DOORS[1] else None
 
 
 def on_circle(samples: Samples) -> Samples:
@@ -135,23 +134,23 @@ def on_circle(samples: Samples) -> Samples:
     the whole: by its distance from a circle and the rotation of the hand with the
     angle, or by the distance alone. Without such a part, it is the whole.
     """
-    positions, rotations = _parts(samples.poses)
+    positions, rotations = samples.positions, samples.rotations
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     turned = (rotations * rotations[0].inv()).as_rotvec()
-    for columns in ((positions, turned), (positions,)):
-        if not turned.any() and len(columns) == 2:
-            continue
-        residuals = {
-            (first, last): _off_hinge(
-                interpolated(
-                    way[-1] * np.linspace(first, last, 60), way, np.hstack(columns)
-                )
-            )
-            for first in _CUTS
-            for last in 1.0 - _CUTS
-            if last - first >= _LEAST_PART
-        }
+    whole = np.hstack([positions, turned])
+    for columns in (whole, positions) if turned.any() else (positions,):
+        residuals = {}
+        for first, last in itertools.product(_CUTS, 1.0 - _CUTS):
+            if last - first >= _LEAST_PART:
+                places = way[-1] * np.linspace(first, last, 60)
+                part = interpolated(places, way, columns)
+                hinge = _fitted(part[:, :3], precisely=False)
+                off = hinge.residual
+                if columns is whole:  # The hand is to turn by the angle on the circle.
+                    untimely = part[:, 3:] @ hinge.axis - hinge.angles
+                    off = math.hypot(off, hinge.radius * float(np.std(untimely)))
+                residuals[first, last] = off
         bound = _ALIKE * min(residuals.values()) + _NOISE
         fitting = [part for part, off in residuals.items() if off <= bound]
         first, last = max(fitting, key=lambda part: part[1] - part[0])
@@ -160,63 +159,42 @@ def on_circle(samples: Samples) -> Samples:
     return samples
 
 
-def _off_hinge(columns: FloatArray) -> float:
-    """Return the distance of a motion from one about a hinge, rms [m].
-
-    Of positions and rotation vectors since the start, (N, 6), the hand is to turn by
-    the angle on the circle. Of positions (N, 3), it is the distance from the circle.
-    """
-    hinge = _fitted(columns[:, :3], precisely=False)
-    if columns.shape[1] == 3:
-        return hinge.residual
-    untimely = columns[:, 3:] @ hinge.axis - hinge.angles
-    return math.hypot(hinge.residual, hinge.radius * float(np.std(untimely)))
-
-
 def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
     """Return a warning if orientations do not fit a hinge as read, see `RawRecording`.
 
     This is only known for a motion on a circle, where the hand rotates with the angle:
     quaternions would fit better in the other order, and others do not at all.
     """
-    try:
-        hinge = find_hinge(poses[:, :3])
-    except ValueError:
+    hinge = door_hinge(poses[:, :3])
+    if hinge is None:
         return None
-    if np.ptp(hinge.angles) < _LEAST_TURN:
-        return None
-    turned = Rotation.from_rotvec(hinge.angles[:, None] * hinge.axis)
-
-    def error_and_rotation(shift: int) -> tuple[float, FloatArray]:
+    door = Rotation.from_rotvec(hinge.angles[:, None] * hinge.axis)
+    orders = []
+    for shift in (0, 1, -1):
         quaternions = np.roll(poses[:, 3:], shift, axis=1)
         rotations = Rotation.from_quat(quaternions, scalar_first=True)
         since = rotations * rotations[0].inv()
-        wrong = (since.inv() * turned).magnitude()
-        return float(np.sqrt(np.mean(wrong**2))), since.as_rotvec()
-
-    def with_the_door(rotation: FloatArray) -> bool:
+        error = float(np.sqrt(np.mean((since.inv() * door).magnitude() ** 2)))
         # A free hand may rotate about such an axis by chance, but not by the same angle
         # at the same time.
-        about_axis = rotation @ hinge.axis
+        about_axis = since.as_rotvec() @ hinge.axis
         share = float(about_axis @ hinge.angles / (hinge.angles @ hinge.angles))
         untimely = np.linalg.norm(about_axis - share * hinge.angles)
-        low, high = _SHARE_TURNED
-        timely = untimely <= _IN_TIME * np.linalg.norm(rotation)
-        return low <= share <= high and bool(timely)
-
-    error, recorded = error_and_rotation(0)
-    differs = (
-        f"the hand moves about a hinge, but its rotation differs by {error:.2g} rad"
-    )
+        timely = untimely <= _IN_TIME * np.linalg.norm(since.as_rotvec())
+        fits = _SHARE_TURNED[0] <= share <= _SHARE_TURNED[1] and bool(timely)
+        orders.append((error, fits))
+    (error, fits), *others = orders
+    other, other_fits = min(others, key=lambda order: order[0])
+    if error < _UNLIKE or (reading and fits):
+        return None
+    text = f"the hand moves about a hinge, but its rotation differs by {error:.2g} rad"
     if reading:
-        doubtful = error >= _UNLIKE and not with_the_door(recorded)
-        return f"{differs}: was it read rightly, as {reading}?" if doubtful else None
-    other, rotation = min(map(error_and_rotation, (1, -1)), key=lambda pair: pair[0])
-    if error < _UNLIKE or other > _FAR_BETTER * error or not with_the_door(rotation):
+        return f"{text}: was it read rightly, as {reading}?"
+    if other > _FAR_BETTER * error or not other_fits:
         return None
     return (
-        f"{differs}, and by {other:.2g} rad with the other order of quaternions: is "
-        "the order correct?"
+        f"{text}, and by {other:.2g} rad with the other order of quaternions: is the "
+        "order correct?"
     )
 
 
@@ -227,12 +205,12 @@ def offset_by(samples: Samples, offset: Pose | None) -> Samples:
     """
     if offset is None:
         return samples
-    positions, rotations = _parts(samples.poses)
-    shift, turn = _parts(np.array(offset))
-    arms = rotations.apply(shift)
+    rotations = samples.rotations
+    turn = Rotation.from_quat(offset[3:], scalar_first=True)
+    arms = rotations.apply(offset[:3])
     if samples.wrenches is not None:
         samples = replace(samples, wrenches=about(samples.wrenches, arms))
-    return _of_parts(samples, positions + arms, rotations * turn)
+    return _posed(samples, samples.positions + arms, rotations * turn)
 
 
 def in_frame(
@@ -244,12 +222,12 @@ def in_frame(
     """
     if frame == "recorded":
         return samples, None
-    positions, rotations = _parts(samples.poses)
+    positions, rotations = samples.positions, samples.rotations
     if frame != "hinge":
         base = samples.poses[0] if frame == "first-pose" else np.array(frame)
-        origin, axes = _parts(base)
-        moved = axes.inv().apply(positions - origin)
-        return _of_parts(samples, moved, axes.inv() * rotations, axes), None
+        axes = Rotation.from_quat(base[3:], scalar_first=True)
+        moved = axes.inv().apply(positions - base[:3])
+        return _posed(samples, moved, axes.inv() * rotations, axes), None
     hinge = find_hinge(positions)
     # The door's task frame: x pull, y up, z outwards from the hinge.
     outwards = positions[0] - hinge.centre
@@ -270,33 +248,29 @@ def in_frame(
             f"opened to {opened:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: "
             f"to learn to open, cut there (--segment {start:.2f}-{end:.2f})"
         )
-    least, most = _DOORS
+    text = f"at {hinge.radius:.3f} m, opened to {opened:.0f}°"
+    notes.add(f"hinge {text}, {1e3 * hinge.residual:.1f} mm off the circle (rms)")
     about_axis = math.degrees(np.unwrap(turned.as_rotvec()[:, 1])[widest])
-    doubts = []
-    if not least <= hinge.radius <= most:
-        doubts.append(f"doors have a radius of {least:g} to {most:g} m")
-    if hinge.residual > _UNROUND * hinge.radius:
-        doubts.append("the motion is not round")
-    if abs(about_axis - opened) > max(_UNTURNED, 0.1 * opened):
-        doubts.append(f"the hand turned by {about_axis:.0f}° about the hinge")
-    notes.add(
-        f"hinge at {hinge.radius:.3f} m, opened to {opened:.0f}°, "
-        f"{1e3 * hinge.residual:.1f} mm off the circle (rms)"
-    )
-    if doubts:
+    doubts = {
+        f"doors have a radius of {_DOORS[0]:g} to {_DOORS[1]:g} m": not (
+            _DOORS[0] <= hinge.radius <= _DOORS[1]
+        ),
+        "the motion is not round": hinge.residual > _UNROUND * hinge.radius,
+        f"the hand turned by {about_axis:.0f}° about the hinge": (
+            abs(about_axis - opened) > max(_UNTURNED, 0.1 * opened)
+        ),
+    }
+    if any(doubts.values()):
         notes.warn(
-            f"is this hinge at {hinge.radius:.3f} m, opened to {opened:.0f}°, right? "
-            f"{', and '.join(doubts)}; if it is not, cut the opening out (--segment)"
+            f"is this hinge {text}, right? "
+            f"{', and '.join(doubt for doubt, is_so in doubts.items() if is_so)}; if "
+            "it is not, cut the opening out (--segment)"
         )
     moved = axes.inv().apply(positions - positions[0])
-    return _of_parts(samples, moved, turned, axes), hinge.radius
+    return _posed(samples, moved, turned, axes), hinge.radius
 
 
-def _parts(poses: FloatArray) -> tuple[FloatArray, Rotation]:
-    return poses[..., :3], Rotation.from_quat(poses[..., 3:], scalar_first=True)
-
-
-def _of_parts(
+def _posed(
     samples: Samples,
     positions: FloatArray,
     rotations: Rotation,
@@ -343,16 +317,14 @@ def wrenches_of_the_hand(
         if field.name.startswith(("force_", "tool_", "gravity"))
         and getattr(settings, field.name) != field.default
     ]
-    if ignored and (samples.wrenches is None or raw.forces_on is not None):
-        why = (
-            "it has no forces" if samples.wrenches is None else "it states how they are"
-        )
+    missing = samples.wrenches is None
+    if ignored and (missing or raw.forces_on is not None):
+        why = "it has no forces" if missing else "it states how they are"
         notes.warn(f"{', '.join(ignored)} without effect: {why}")
     if samples.wrenches is None:
         return samples
     if raw.forces_on is not None:
         settings = ImportSettings(force_on=raw.forces_on, force_axes="recorded")
-    wrenches = np.where(np.abs(samples.wrenches) < _LARGEST, samples.wrenches, np.nan)
     without = replace(samples, wrenches=None)
     pose, weight = np.array(settings.force_sensor), settings.tool_weight
     shift, in_hand = pose[:3], settings.force_axes == "hand"
@@ -363,9 +335,10 @@ def wrenches_of_the_hand(
             "orientations; say --force-axes recorded if they are in those of positions"
         )
         return without
-    hand = Rotation.from_quat(samples.poses[:, 3:], scalar_first=True)
+    hand = samples.rotations
     rotation = hand * Rotation.from_quat(pose[3:], scalar_first=True)
     axes = rotation if in_hand else Rotation.identity()
+    wrenches = np.where(np.abs(samples.wrenches) < _LARGEST, samples.wrenches, np.nan)
     measured = wrenches if settings.force_on == "hand" else -wrenches
     if weight > 0.0:
         pull = weight * np.array(settings.gravity) / np.linalg.norm(settings.gravity)
@@ -380,10 +353,8 @@ def wrenches_of_the_hand(
             return without
         bias = measured[known].mean(axis=0)
         measured = measured - bias
-        notes.add(
-            f"bias of {np.linalg.norm(bias[:3]):.3g} N and "
-            f"{np.linalg.norm(bias[3:]):.3g} N m subtracted from the forces"
-        )
+        force, moment = np.linalg.norm(bias[:3]), np.linalg.norm(bias[3:])
+        notes.add(f"bias of {force:.3g} N and {moment:.3g} N m subtracted from forces")
     if raw.forces_on is None:
         whose = "sensor" if in_hand else "poses"
         notes.add(f"forces are on the {settings.force_on}, in the axes of the {whose}")

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import ROW, RawRecording, restarts
 from gplfd_experiments.data.settings import METRES, ImportSettings
@@ -18,8 +19,8 @@ _LARGEST_POSITION: Final = 1e9  # Larger coordinates, in any unit, count as miss
 _LATEST: Final = 1e20  # Later times [s] count as missing.
 _MOST_STEPS: Final = 10**6
 """Longest motion in usual time steps, unless four times its samples are more."""
-_FASTEST: Final = 5.0  # Speed of a hand [m/s] above which a step may be a jump.
-_FASTEST_TURN: Final = 20.0  # The same of the angular speed [rad/s].
+_FASTEST, _FASTEST_TURN = 5.0, 20.0
+"""Speeds of a hand [m/s, rad/s] above which a step may be a jump."""
 _OUTLYING: Final = 10.0  # Smallest ratio of a jump to the usual step.
 _APART: Final = 0.1  # Least distance from where a tracker is lost, per span.
 _LONGEST_SPIKE: Final = 5  # Largest number of samples between a jump and the jump back.
@@ -78,32 +79,31 @@ class Samples:
         """The median time between two samples [s]."""
         return float(np.median(np.diff(self.times)))
 
+    @property
+    def positions(self) -> FloatArray:
+        """Positions [m], (N, 3)."""
+        return self.poses[:, :3]
+
+    @property
+    def rotations(self) -> Rotation:
+        """The N orientations."""
+        return Rotation.from_quat(self.poses[:, 3:], scalar_first=True)
+
 
 def of_one_clock(raw: RawRecording, settings: ImportSettings) -> list[RawRecording]:
     """Divide a recording where its clock restarts; a few samples alone are left out."""
     starts = [] if raw.times is None else restarts(raw.times)
     if not starts or settings.recorded_rate is not None:
         return [raw]
-    parts: list[RawRecording] = []
-    for rows in np.split(np.arange(len(raw.positions)), starts):
-        if len(rows) < ROW:
-            continue
-        names = ("positions", "times", "quaternions", "wrenches")
-        recorded = {name: getattr(raw, name) for name in names}
-        arrays = {n: array[rows] for n, array in recorded.items() if array is not None}
+    whole = np.split(np.arange(len(raw.positions)), starts)
+    parts = []
+    for number, rows in enumerate((r for r in whole if len(r) >= ROW), start=1):
         note = (
             f"samples {rows[0] + 1} to {rows[-1] + 1}, because the clock restarts; "
             "if the whole is one motion, say --recorded-rate HZ"
         )
-        parts.append(
-            replace(
-                raw,
-                name=f"{raw.name} part {len(parts) + 1}",
-                signals={n: signal[rows] for n, signal in raw.signals.items()},
-                notes=(*raw.notes, note),
-                **arrays,
-            )
-        )
+        part, name = raw.part(rows), f"{raw.name} part {number}"
+        parts.append(replace(part, name=name, notes=(*raw.notes, note)))
     return parts
 
 
@@ -128,8 +128,9 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
         times = np.arange(number) / settings.recorded_rate
     elif times is None:
         raise ValueError(
-            f"{raw.name} has no time stamps{raw.untimed or ';'} say how many "
-            "samples it has per second, --recorded-rate 100"
+            f"{'; '.join((f'{raw.name} has no time stamps', *raw.notes))}; say how many"
+            " samples it has per second, --recorded-rate 100, or what is the time, "
+            "--columns t=NAME"
         )
     complete = np.abs(times) < _LATEST
     complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
@@ -160,20 +161,17 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
         notes.warn(f"read in {units}, although the file states {raw.unit}")
     elif units is None and raw.unit is None:
         notes.add("no unit given: taken as metres")
-    signals: dict[str, FloatArray] = {}
-    for name, signal in raw.signals.items():
-        filled = np.array(signal)
-        for column in filled.T:
-            known = np.isfinite(column) & np.isfinite(times)
-            if known.any() and not known.all():
-                column[:] = np.interp(times, times[known], column[known])
-        signals[name] = np.nan_to_num(filled)
+    signals = {name: signal.copy() for name, signal in raw.signals.items()}
+    for column in (column for signal in signals.values() for column in signal.T):
+        known = np.isfinite(column) & np.isfinite(times)
+        if known.any() and not known.all():
+            column[:] = np.interp(times, times[known], column[known])
     positions = raw.positions * METRES[units or raw.unit or "m"]
     samples = Samples(
         times=times,
         poses=np.hstack([positions, quaternions]),
         wrenches=raw.wrenches,
-        signals=signals,
+        signals={name: np.nan_to_num(signal) for name, signal in signals.items()},
     )[complete]
     samples = _in_order(samples, raw.name, notes)
     # The sign of each quaternion that is closer to the sample before.
@@ -183,14 +181,15 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     if flips := np.count_nonzero(changes < 0.0):
         notes.add(f"{flips} quaternions changed sign")
     signs = np.concatenate([[1.0], np.cumprod(changes)])
-    poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
-    return replace(samples, poses=poses)
+    return replace(
+        samples, poses=np.hstack([samples.positions, quaternions * signs[:, None]])
+    )
 
 
 def _lost(values: FloatArray, neutral: Sequence[float]) -> NDArray[np.bool_]:
-    """Return which samples a tracker that lost the hand gave a neutral value, (N,).
+    """Return which samples are exactly neutral, (N,), if no other sample is near it.
 
-    These are exactly neutral, and no other sample is near it.
+    A tracker that lost the hand writes them.
     """
     at_neutral = (values == neutral).all(axis=1)
     others = values[~at_neutral & np.isfinite(values).all(axis=1)]
@@ -214,10 +213,10 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
         moved = (np.diff(samples.poses, axis=0) != 0.0).any(axis=1) & ~first[1:]
         if np.count_nonzero(moved) > _LARGEST_LOST * len(first):
             rate = (len(first) - 1) / np.ptp(samples.times)
-            text += (
-                f", which moved: time stamps are coarse; say --recorded-rate {rate:.3g}"
+            notes.warn(
+                f"{text}, which moved: time stamps are coarse; say --recorded-rate "
+                f"{rate:.3g}"
             )
-            notes.warn(text)
         else:
             notes.add(text)
         samples = samples[first]
@@ -240,7 +239,7 @@ def without_spikes(samples: Samples, notes: Notes) -> Samples:
     stays.
     """
     steps = np.diff(samples.times)
-    lengths = np.linalg.norm(np.diff(samples.poses[:, :3], axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(samples.positions, axis=0), axis=1)
     # The angle between two unit quaternions from the chord between them.
     chords = np.linalg.norm(np.diff(samples.poses[:, 3:], axis=0), axis=1)
     angles = np.asarray(4.0 * np.arcsin(np.clip(0.5 * chords, 0.0, 1.0)))

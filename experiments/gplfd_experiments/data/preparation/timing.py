@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
@@ -40,11 +41,11 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     if how == "none":
         return [samples]
     if how == "rests":
-        return _between_rests(samples, notes)
-    if how == "turns":
-        return _between_turns(samples, notes)
-    parts = [_between(samples, start, end) for start, end in how]
-    for part, (start, end) in zip(parts, how, strict=True):
+        spans = _between_rests(samples, notes)
+    else:
+        spans = _between_turns(samples, notes) if how == "turns" else list(how)
+    parts = [_between(samples, start, end) for start, end in spans]
+    for part, (start, end) in zip(parts, spans, strict=True):
         if len(part.times) < 2:
             raise ValueError(
                 f"there are no samples from {start:g} to {end:g} s after the first; "
@@ -57,8 +58,8 @@ def _between(samples: Samples, start: float, end: float) -> Samples:
     return samples[(samples.times >= start) & (samples.times <= end)]
 
 
-def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
-    """Return the motions between rests, without motions back and short motions."""
+def _between_rests(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
+    """Return the spans between rests [s], without motions back and short motions."""
     # The speed of the smoothed hand in metres and half radians per second.
     clock, smooth = _smoothed(samples)
     reach = max(1, round(_REACH / samples.step))
@@ -69,35 +70,22 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
     # Runs of motion, joined where the rest between them is short.
     moving = speed > _RESTING * np.percentile(speed, 95.0)
     edges = np.diff(np.concatenate([[False], moving, [False]]).astype(int))
-    starts = samples.times[np.flatnonzero(edges == 1)].tolist()
-    ends = samples.times[np.flatnonzero(edges == -1) - 1].tolist()
-    spans: list[list[float]] = []
-    for start, end in zip(starts, ends, strict=True):
-        if spans and start - spans[-1][1] < _LEAST_REST:
-            spans[-1][1] = end
-        else:
-            spans.append([start, end])
-    parts = [_between(samples, a - _MARGIN, b + _MARGIN) for a, b in spans]
+    starts = samples.times[np.flatnonzero(edges == 1)]
+    ends = samples.times[np.flatnonzero(edges == -1) - 1]
+    apart = starts[1:] - ends[:-1] >= _LEAST_REST
+    starts, ends = starts[np.r_[True, apart]], ends[np.r_[apart, True]]
+    spans = list(zip(starts - _MARGIN, ends + _MARGIN, strict=True))
     # Motions that are long enough, in the direction of the first.
-    ways = [np.linalg.norm(np.diff(p.poses, axis=0), axis=1).sum() for p in parts]
-    long = [
-        part
-        for part, way in zip(parts, ways, strict=True)
-        if way >= _LEAST_PATH * max(ways)
-    ]
-    first = long[0].poses[-1] - long[0].poses[0]
-    forth = [part for part in long if (part.poses[-1] - part.poses[0]) @ first > 0.0]
-    back, short = len(long) - len(forth), len(parts) - len(long)
-    notes.add(
-        f"{len(forth)} repetitions between rests"
-        + f", {back} motions back left out" * bool(back)
-        + f", {short} short motions left out" * bool(short)
-    )
-    return forth
+    runs = [_between(samples, start, end).poses for start, end in spans]
+    ways = np.array([np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in runs])
+    long = ways >= _LEAST_PATH * ways.max()
+    moved = np.array([poses[-1] - poses[0] for poses in runs])
+    forth = long & (moved @ moved[np.argmax(long)] > 0.0)
+    return _kept(spans, forth, notes, "rests", long & ~forth, ~long, "short motions")
 
 
-def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
-    """Return the motions between turns, in the direction of the first.
+def _between_turns(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
+    """Return the spans between turns [s], in the direction of the first.
 
     A turn is an extreme of the position along its first principal direction.
     """
@@ -107,22 +95,31 @@ def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
     low, high = np.percentile(way, [5.0, 95.0])
     if not high > low:
         raise ValueError("positions are constant: there are no turning points")
-    spans = list(itertools.pairwise(_turns(way, _TURNED_BACK * (high - low))))
-    lengths = np.array([way[last] - way[first] for first, last in spans])
+    turns = _turns(way, _TURNED_BACK * (high - low))
+    lengths, spans = np.diff(way[turns]), list(itertools.pairwise(clock[turns]))
     attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
     whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths[attempt]))
     forth = whole & (lengths * lengths[np.argmax(whole)] > 0.0)
-    parts = [
-        _between(samples, clock[first], clock[last])
-        for first, last in np.array(spans)[forth]
-    ]
-    back, rest = (np.count_nonzero(part) for part in (whole & ~forth, attempt & ~whole))
-    notes.add(
-        f"{len(parts)} repetitions between turns"
-        + f", {back} motions back left out" * bool(back)
-        + f", {rest} incomplete left out" * bool(rest)
-    )
-    return parts
+    incomplete = attempt & ~whole
+    return _kept(spans, forth, notes, "turns", whole & ~forth, incomplete, "incomplete")
+
+
+def _kept(
+    spans: list[tuple[float, float]],
+    forth: NDArray[np.bool_],
+    notes: Notes,
+    ends: str,
+    back: NDArray[np.bool_],
+    short: NDArray[np.bool_],
+    kind: str,
+) -> list[tuple[float, float]]:
+    """Return the spans of motions forth, and note the others."""
+    text = f"{np.count_nonzero(forth)} repetitions between {ends}"
+    for left_out, name in ((back, "motions back"), (short, kind)):
+        if left_out.any():
+            text += f", {np.count_nonzero(left_out)} {name} left out"
+    notes.add(text)
+    return [span for span, keep in zip(spans, forth, strict=True) if keep]
 
 
 def _turns(way: FloatArray, least: float) -> list[int]:
@@ -159,28 +156,25 @@ def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
     times, wrenches, step = samples.times, samples.wrenches, samples.step
     longest = max(largest, 1.5 * step)
 
-    def longest_gap(stamps: FloatArray) -> tuple[float, float]:
+    def longest_gap(stamps: FloatArray) -> tuple[float, str]:
         place = int(np.argmax(np.diff(stamps)))
-        return float(stamps[place]), float(stamps[place + 1] - stamps[place])
-
-    when, gap = longest_gap(times)
-    if gap > longest:
-        raise ValueError(
-            f"there is no sample for {gap:.2f} s from {when:.2f} s on; cut there "
-            "(--segment rests, or times), or bridge it in a straight line with "
-            f"--largest-gap {gap + 0.01:.2f}"
+        gap = float(stamps[place + 1] - stamps[place])
+        return gap, (
+            f"for {gap:.2f} s from {stamps[place]:.2f} s on; cut there (--segment "
+            "rests, or times), or bridge it in a straight line with --largest-gap "
+            f"{gap + 0.01:.2f}"
         )
+
+    gap, where = longest_gap(times)
+    if gap > longest:
+        raise ValueError(f"there is no sample {where}")
     if gaps := np.count_nonzero(np.diff(times) > 2.5 * step):
         notes.add(f"{gaps} gaps bridged, the longest of {gap:.2g} s")
     if wrenches is None or (known := np.isfinite(wrenches).all(axis=1)).all():
         return samples
-    when, gap = longest_gap(np.concatenate([times[:1], times[known], times[-1:]]))
+    gap, where = longest_gap(np.concatenate([times[:1], times[known], times[-1:]]))
     if not known.any() or gap > longest:
-        notes.warn(
-            f"forces left out: there are none for {gap:.2f} s from {when:.2f} s on; "
-            "cut there (--segment), or bridge it with "
-            f"--largest-gap {gap + 0.01:.2f}"
-        )
+        notes.warn(f"forces left out: there are none {where}")
         return replace(samples, wrenches=None)
     notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
     filled = interpolated(times, times[known], wrenches[known])
@@ -262,10 +256,10 @@ def outliers(ways: Sequence[FloatArray]) -> dict[int, str]:
             phase = int(distances[place].argmax())
             axis = int(np.abs(part[place, phase]).argmax())
             sign = "-" if part[place, phase, axis] < 0.0 else "+"
-            text = (
-                f"{greatest[place]:.0f} {unit} from the median motion, most {axes} "
-                f"{sign}{'xyz'[axis]}, at {100 * phase / (len(part[0]) - 1):.0f} % of "
-                f"the path (usual: {usual:.0f} {unit})"
+            before = f"{unlike[place]}; " if place in unlike else ""
+            unlike[place] = (
+                f"{before}{greatest[place]:.0f} {unit} from the median motion, most "
+                f"{axes} {sign}{'xyz'[axis]}, at {100 * phase / (len(part[0]) - 1):.0f}"
+                f" % of the path (usual: {usual:.0f} {unit})"
             )
-            unlike[place] = "; ".join(filter(None, (unlike.get(place), text)))
     return unlike

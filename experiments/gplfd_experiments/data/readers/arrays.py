@@ -1,6 +1,6 @@
-"""Motions in named arrays, for .npz, .npy and .mat files; reads the first two.
+"""Motions in named arrays: files .npz, .npy and, of MATLAB up to 7.2, .mat.
 
-Supported are columns (N,), the `ARRAYS` of tables (N, d), and with ``--columns`` one
+Supported are columns (N,), the arrays of `tables` (N, d), and with ``--columns`` one
 array (N, C), or (K, N, C) for K motions; also transposed if the shape is unambiguous.
 The arrays of .mat files are in cells and structures, ``demos{2}.pos``; those of one
 name are motions of one set.
@@ -8,92 +8,99 @@ name are motions of one set.
 
 import contextlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.io
 
 from gplfd_experiments.data.raw import RawRecording, chosen
+from gplfd_experiments.data.readers import own_sets
 from gplfd_experiments.data.readers.tables import (
     ARRAYS,
     POSITION,
-    ROTATION_VECTOR,
+    array_columns,
     named_columns,
-    orientation_form,
-    quaternions_of,
     recording,
     renamed,
     understood,
 )
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
+from gplfd_policies.demonstrations.npz import KIND
 
 _Arrays = Mapping[str, FloatArray]
-
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read motions from an .npz or .npy file, or a set of demonstrations."""
-    if not path.is_dir():
-        with path.open("rb") as stream:
-            loaded = np.load(stream, allow_pickle=False)
-            if isinstance(loaded, np.ndarray):
-                return recordings(path.name, {"the array": loaded}, settings)
-            arrays = {}
+    """Read the motions in a file of arrays, or its set of demonstrations.
+
+    Texts, objects and sparse matrices are left out.
+    """
+    arrays: dict[str, Any] = {}
+    with path.open("rb") as stream:
+        if path.suffix.lower() == ".mat":
+            if stream.read(10) == b"MATLAB 7.3":
+                raise ValueError(
+                    "it is of version 7.3; save it again: save(..., '-v7')"
+                )
+            for variable, value in scipy.io.loadmat(path, appendmat=False).items():
+                if not variable.startswith("__"):
+                    arrays.update(_in_cells(value, variable))
+        elif isinstance(loaded := np.load(stream, allow_pickle=False), np.ndarray):
+            arrays["the array"] = loaded
+        else:
             for name in loaded.files:
                 with contextlib.suppress(ValueError):  # NumPy unpickles no objects.
                     arrays[name] = loaded[name]
-        if str(arrays.get("format", "")) != KIND:
-            return recordings(path.name, arrays, settings)
-    return [
-        RawRecording(
-            name=f"{path.name}[{number}]",
-            times=demonstration.times,
-            positions=demonstration.poses[:, :3],
-            unit="m",
-            quaternions=quaternions_of(ROTATION_VECTOR, demonstration.poses[:, 3:]),
-            wrenches=demonstration.wrenches,
-            forces_on="object",
-        )
-        for number, demonstration in enumerate(load_demonstrations(path).demonstrations)
-    ]
-
-
-def recordings(
-    name: str, arrays: Mapping[str, NDArray[Any]], settings: ImportSettings
-) -> list[RawRecording]:
-    """Return the motions in the named arrays of a file.
-
-    Raises:
-        ValueError: No motion can be found in them.
-    """
+    if str(arrays.get("format", "")) == KIND:
+        return own_sets.read(path, settings)
     numbers = {
         key: np.asarray(array, dtype=np.float64)
         for key, array in arrays.items()
         if array.dtype.kind in "biuf"
     }
     if settings.columns and "=" not in settings.columns[0]:
-        return _from_columns(name, numbers, settings)
+        return _from_columns(path.name, numbers, settings)
     motions = _motions(numbers)
     if not motions:
         raise ValueError(
-            f"it has no array of positions: it has {_listed(numbers)}. Name one "
+            f"it has no array of positions: it has {_shapes(numbers)}. Name one "
             "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
             "say what the columns of one array, or two side by side, are: --body A,B "
             "--columns t,x,y,z,... with - for one to leave out"
         )
-    _, keys = chosen(settings.body, _sets(motions), "set of recordings", file=name)
+    sets = _sets(motions)
+    _, keys = chosen(settings.body, sets, "set of recordings", file=path.name)
+    names = [path.name if len(keys) == 1 else f"{path.name}: {key}" for key in keys]
     return [
-        _from_names(
-            name if len(keys) == 1 else f"{name}: {key}", motions[key], settings
-        )
-        for key in keys
+        from_names(name, motions[key], settings)
+        for name, key in zip(names, keys, strict=True)
     ]
+
+
+def _in_cells(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and array, also of those in a cell or structure of MATLAB.
+
+    The names are MATLAB's: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``; the
+    index of a single structure is omitted.
+    """
+    if not isinstance(value, np.ndarray):
+        return
+    parts = enumerate(value.ravel(order="F"), start=1)
+    if value.dtype.names is not None:
+        for number, structure in parts:
+            index = f"({number})" if value.size > 1 else ""
+            for field in value.dtype.names:
+                yield from _in_cells(structure[field], f"{name}{index}.{field}")
+    elif value.dtype == object:
+        for number, cell in parts:
+            yield from _in_cells(cell, f"{name}{{{number}}}")
+    else:
+        yield name, value
 
 
 def _parted(key: str) -> tuple[str, str, str]:
@@ -141,16 +148,20 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
     return motions
 
 
-def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
-    """Return the motion in arrays with supported names."""
+def from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
+    """Return the motion in arrays with supported names, see `array_columns`."""
     columns: dict[str, tuple[FloatArray, str | None]] = {}
-    unused, order = [], settings.quaternions
+    unused = []
     heads = renamed(list(arrays), settings.columns)
     for head, (key, array) in zip(heads, arrays.items(), strict=True):
         short, unit, owner = understood(head)
-        names = (short,) if short and not owner else ARRAYS.get(head.lower(), ())
-        if not names and (form := orientation_form(head, array.shape, settings)):
-            names, order = form, None
+        names: tuple[str, ...] = ()
+        if short and not owner:
+            names = (short,)
+        else:
+            names = array_columns(head, array.shape, settings)
+            if "qw" in names and head.lower() not in ARRAYS:
+                settings = replace(settings, quaternions=None)  # It had its effect.
         if not names:
             unused.append(key)
             continue
@@ -161,16 +172,10 @@ def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawReco
                 raise ValueError(f"it has two arrays for {column}, one is {key!r}")
             columns[column] = (values, unit)
     if not {"x", "y"} <= set(columns):
-        raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
-    lengths = {column: len(values) for column, (values, _) in columns.items()}
-    if len(set(lengths.values())) > 1:
-        raise ValueError(f"its arrays differ in length: {lengths}")
-    untimed = (
-        f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
-        "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
-    )
-    settings = replace(settings, quaternions=order)
-    return recording(name, columns, settings, untimed, unused)
+        raise ValueError(f"{name} has x and no y: it has {_shapes(arrays)}")
+    if len({len(values) for values, _ in columns.values()}) > 1:
+        raise ValueError(f"its arrays differ in length: {_shapes(arrays)}")
+    return recording(name, columns, settings, unused)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
@@ -193,7 +198,7 @@ def _is_vector(array: FloatArray) -> bool:
     return array.size == max(array.shape, default=0)
 
 
-def _listed(arrays: _Arrays) -> str:
+def _shapes(arrays: _Arrays) -> str:
     names = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
     return f"{names or 'no array of numbers':.400}"
 
@@ -207,7 +212,7 @@ def _from_columns(
     or file belong to the columns.
     """
     sets = _sets(key for key, array in numbers.items() if 1 <= array.ndim <= 3)
-    body, heads, parts = settings.body, settings.columns, [settings.body]
+    body, parts = settings.body, [settings.body]
     if body is not None and body not in sets and "," in body:
         parts = [part.strip() for part in body.split(",")]
     else:
@@ -218,50 +223,47 @@ def _from_columns(
         }
     groups = [chosen(part, sets, "array of columns", file=file)[1] for part in parts]
     if len({len(group) for group in groups}) > 1:
-        raise ValueError(
-            f"{body} are of {' and '.join(str(len(g)) for g in groups)} recordings"
-        )
+        raise ValueError(f"{body} are of different numbers of recordings")
+    places = named_columns(settings.columns, "--columns")
     motions = []
     for keys in zip(*groups, strict=True):
         label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
+        arrays = [numbers[key] for key in keys]
+        tables = {label: arrays}
+        if arrays[0].ndim == 3:
+            stacked = enumerate(zip(*arrays, strict=True))
+            tables = {f"{label}[{number}]": list(part) for number, part in stacked}
         where, _, index = _parted(keys[0])
-        times = None
-        for key, array in numbers.items():
-            structure, field, cell = _parted(key)
-            beside = structure == where and cell in ("", index)
-            if beside and _is_vector(array) and ARRAYS.get(field.lower()) == ("t",):
-                times = array.reshape(-1)
-                break
-        whole = _side_by_side([numbers[key] for key in keys])
-        tables = {label: whole}
-        if whole.ndim == 3:
-            tables = {f"{label}[{number}]": part for number, part in enumerate(whole)}
+        beside = (
+            array.reshape(-1)
+            for key, array in numbers.items()
+            for structure, field, cell in [_parted(key)]
+            if structure == where and cell in ("", index) and _is_vector(array)
+            if ARRAYS.get(field.lower()) == ("t",)
+        )
+        times = next(beside, np.empty(0))
         for name, part in tables.items():
-            turned = part.shape[1] != len(heads) == part.shape[0]
-            table = part.T if turned else part
-            if table.shape[1] != len(heads):
-                raise ValueError(
-                    f"the array has {table.shape[1]} columns, and --columns names "
-                    f"{len(heads)}"
-                )
-            places = named_columns(heads, "--columns")
+            table = _side_by_side(part, len(settings.columns))
             columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}
-            if times is not None and len(times) == len(table):
+            if len(times) == len(table):
                 columns.setdefault("t", (times, None))
             motions.append(recording(name, columns, settings))
     return motions
 
 
-def _side_by_side(arrays: list[FloatArray]) -> FloatArray:
-    """Return the columns of all arrays as one, (N, C) or (K, N, C)."""
-    if len(arrays) == 1:
-        return arrays[0]
-    rows = max(arrays[0].shape) if arrays[0].ndim < 3 else arrays[0].shape[1]
-    tables = []
-    for array in arrays:
-        table = array[:, None] if array.ndim == 1 else array
-        tables.append(table.T if table.ndim == 2 and len(table) != rows else table)
-    if len({table.shape[:-1] for table in tables}) > 1:
-        shapes = ", ".join(str(array.shape) for array in arrays)
-        raise ValueError(f"arrays of shapes {shapes} differ in the number of samples")
-    return np.concatenate(tables, axis=-1)
+def _side_by_side(arrays: list[FloatArray], width: int) -> FloatArray:
+    """Return the columns of arrays (N, C), (C, N) or (N,) as one, (N, width)."""
+    for samples in sorted(set(arrays[0].shape), reverse=True):
+        tables = [
+            array.reshape(samples, -1) if len(array) == samples else array.T
+            for array in arrays
+        ]
+        if all(len(table) == samples for table in tables):
+            whole = np.concatenate(tables, axis=1)
+            if whole.shape[1] == width:
+                return whole
+    shapes = ", ".join(str(array.shape) for array in arrays)
+    raise ValueError(
+        f"arrays of shapes {shapes} differ in the number of samples, or do not have "
+        f"the {width} columns that --columns names"
+    )

@@ -7,9 +7,9 @@ sources, of which one is selected (``/hand:frame``, ``/tf:child:parent``).
 """
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -29,20 +29,15 @@ with optional_libraries("ROS bags need rosbags", "ros"):
 _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_POSES: Final = (
+_MOVING: Final = {
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Odometry",
-)
-"""Message types that contain a pose."""
-
-_Row = tuple[float, ...]
-"""Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
-_Track = list[tuple[int, int, _Row]]
-"""Rows with their stamps and times of logging [ns]."""
-_Source = tuple[str, ...]
-"""Child frame, if any, frame, and publisher, if recorded."""
+    _JOINTS,
+    *_TRANSFORMS,
+}
+"""Types of messages that say where something is."""
 
 
 class _Address(type(Path())):  # type: ignore[misc]
@@ -52,52 +47,56 @@ class _Address(type(Path())):  # type: ignore[misc]
         return quote(str(self))
 
 
-def _arrays(track: _Track) -> tuple[FloatArray, FloatArray, int]:
-    """Return times since the first stamp [s], (N,), rows, (N, d), and this stamp [ns].
+class _Message(NamedTuple):
+    """A message with its stamp and time of logging [ns]."""
+
+    stamp: int
+    logged: int
+    source: tuple[str, ...]
+    """Child frame, if any, frame, and publisher, if recorded."""
+    content: Any
+    of_many: bool
+    """Whether it is one of many transforms."""
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """Position [m] and quaternion, scalar first; or force [N] and torque [N m]."""
+        inner = self.content
+        if hasattr(inner, "wrench"):
+            f, m = inner.wrench.force, inner.wrench.torque
+            return (f.x, f.y, f.z, m.x, m.y, m.z)
+        while hasattr(inner, "pose"):
+            inner = inner.pose
+        if hasattr(inner, "transform"):
+            p, q = inner.transform.translation, inner.transform.rotation
+        else:
+            p, q = inner.position, inner.orientation
+        return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+
+
+def _clock(messages: Sequence[_Message]) -> tuple[FloatArray, int]:
+    """Return times since the first stamp [s], (N,), and this stamp [ns].
 
     Without stamps, the times of logging are used.
     """
-    stamps, logged = np.array([times for *times, _ in track], dtype=np.int64).T
-    clock = stamps if stamps.any() else logged
-    times = np.asarray((clock - clock[0]) * 1e-9)
-    return times, np.array([row for *_, row in track]), int(clock[0])
-
-
-def _pose(message: Any) -> _Row:
-    """Return the pose in a message with any nesting of messages."""
-    while hasattr(message, "pose"):
-        message = message.pose
-    if hasattr(message, "transform"):
-        p, q = message.transform.translation, message.transform.rotation
-    else:
-        p, q = message.position, message.orientation
-    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
-
-
-def _wrench(message: Any) -> _Row:
-    f, t = message.wrench.force, message.wrench.torque
-    return (f.x, f.y, f.z, t.x, t.y, t.z)
+    clock = np.array([message.stamp for message in messages], dtype=np.int64)
+    if not clock.any():
+        clock = np.array([message.logged for message in messages], dtype=np.int64)
+    return np.asarray((clock - clock[0]) * 1e-9), int(clock[0])
 
 
 def _of_one_source(
-    tracks: Mapping[_Source, _Track],
-    topic: str,
-    wanted: list[str],
-    option: str,
-    *,
-    named: bool = False,
-) -> _Track:
-    """Return the only track of a topic whose source begins with the wanted parts.
-
-    Of transforms even the only one must be ``named``, because it may be of anything.
-    """
-    parts = tuple(wanted)
-    matching = [source for source in tracks if source[: len(parts)] == parts]
-    if len(matching) == 1 and (parts or not named):
-        return tracks[matching[0]]
-    if not tracks:
+    messages: list[_Message], topic: str, wanted: list[str], option: str
+) -> list[_Message]:
+    """Return the messages of the only source that begins with the wanted parts."""
+    if not messages:
         raise ValueError(f"topic {topic} has no pose")
-    listed = ", ".join(sorted(":".join(source) for source in matching or tracks)[:30])
+    sources = {message.source for message in messages}
+    matching = {part for part in sources if part[: len(wanted)] == tuple(wanted)}
+    # A single transform may be of anything.
+    if len(matching) == 1 and (wanted or not messages[0].of_many):
+        return [message for message in messages if message.source in matching]
+    listed = ", ".join(sorted(":".join(source) for source in matching or sources)[:30])
     problem = "say which frame" if matching else f"no frame {':'.join(wanted)!r}"
     raise ValueError(
         f"topic {topic} has several frames or publishers; {problem}: "
@@ -107,32 +106,27 @@ def _of_one_source(
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a topic, and the wrenches of another."""
-    hands: defaultdict[_Source, _Track] = defaultdict(list)
-    states: list[tuple[int, int, _Source, Any]] = []
-    wrenches_of: defaultdict[_Source, _Track] = defaultdict(list)
+    notes: list[str] = []
+    received: defaultdict[str | None, list[_Message]] = defaultdict(list)
     # With message types for bags without type descriptions.
     usual_types = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([_Address(path)], default_typestore=usual_types) as bag:
         # The topic of the hand, and its source if the topic has several.
-        topics = {
-            connection.topic: connection.msgtype for connection in bag.connections
-        }
-        known = {*_POSES, _JOINTS, *_TRANSFORMS}
-        moving = {name: kind for name, kind in topics.items() if kind in known}
+        kinds = {connection.topic: connection.msgtype for connection in bag.connections}
+        moving = {name: kind for name, kind in kinds.items() if kind in _MOVING}
         if not moving:
-            listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items())
+            listed = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
             raise ValueError(
                 f"it has no topic of poses or joints, but {listed or 'none'}"
             )
-        wanted, *source_parts = (settings.body or "").split(":")
+        wanted, *parts = (settings.body or "").split(":")
         topic, kind = chosen(wanted or None, moving, "topic", file=path.name)
-        forces = {name: kind for name, kind in topics.items() if kind == _WRENCH}
-        force, notes = next(iter(forces), None), list[str]()
-        force_parts: list[str] = []
-        if settings.wrench is not None:
-            wanted, *force_parts = settings.wrench.split(":")
-            force, _ = chosen(wanted, forces, "force topic", file=path.name)
-        elif len(forces) > 1:
+        forces = {name: name for name, kind in kinds.items() if kind == _WRENCH}
+        wanted, *force_parts = (settings.wrench or "").split(":")
+        force = forces.get(wanted) or next(iter(forces), None)
+        if wanted and wanted not in forces:
+            chosen(wanted, forces, "force topic", file=path.name)
+        elif not wanted and len(forces) > 1:
             force = None
             notes.append(f"forces left out: choose with --wrench: {', '.join(forces)}")
         needed = [c for c in bag.connections if c.topic in (topic, force)]
@@ -144,42 +138,32 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                 publisher = f"channel {connection.id}"
             for item in getattr(message, "transforms", [message]):
                 frames = (getattr(item, "child_frame_id", None), item.header.frame_id)
-                source = tuple(
-                    frame.strip("/") for frame in frames if frame is not None
-                ) + ((publisher,) if publisher else ())
+                source = [frame.strip("/") for frame in frames if frame is not None]
+                source += [publisher] if publisher else []
                 sec, ns = item.header.stamp.sec, item.header.stamp.nanosec
                 stamp = int(sec) * 10**9 + int(ns)
-                if connection.topic != topic:
-                    wrenches_of[source].append((stamp, logged, _wrench(item)))
-                elif kind != _JOINTS:
-                    hands[source].append((stamp, logged, _pose(item)))
-                elif source[: len(source_parts)] == tuple(source_parts):
-                    states.append((stamp, logged, source, item))
+                received[connection.topic].append(
+                    _Message(stamp, logged, tuple(source), item, item is not message)
+                )
     if kind == _JOINTS:
-        hand = _track_of_link(states, settings)
+        track, poses = _poses_of_link(received[topic], parts, settings)
     else:
-        named = kind in _TRANSFORMS
-        hand = _of_one_source(hands, topic, source_parts, "--body", named=named)
-    times, poses, begin = _arrays(hand)
+        track = _of_one_source(received[topic], topic, parts, "--body")
+        poses = np.array([message.row for message in track])
+    times, begin = _clock(track)
     wrenches = None
-    if wrenches_of:
-        wrench = _of_one_source(wrenches_of, str(force), force_parts, "--wrench")
-        # At the times of the poses; missing if no wrench was recorded close to a pose.
-        clock, rows, first = _arrays(wrench)
+    if received[force]:
+        felt = _of_one_source(received[force], str(force), force_parts, "--wrench")
+        clock, first = _clock(felt)
         if restarts(times) or restarts(clock):
             notes.append("forces left out: the clock restarts; cut the bag there")
         else:
-            order = np.argsort(clock, kind="stable")
-            clock = clock[order] + (first - begin) * 1e-9
-            wrenches = interpolated(times, clock, rows[order])
-            padded = np.concatenate([[-np.inf], clock, [np.inf]])
-            after = np.searchsorted(clock, times) + 1
-            nearest = np.minimum(times - padded[after - 1], padded[after] - times)
-            steps = [np.median(np.diff(t)) for t in (times, clock) if len(t) > 1]
-            wrenches[nearest > max(steps, default=0.0)] = np.nan
+            rows = np.array([message.row for message in felt])
+            shifted = clock + (first - begin) * 1e-9
+            wrenches = _at_times(times, shifted, rows)
     return [
         RawRecording(
-            name=f"{path.name}: {':'.join([topic, *source_parts])}",
+            name=f"{path.name}: {':'.join([topic, *parts])}",
             times=times,
             positions=poses[:, :3],
             unit="m",
@@ -190,9 +174,22 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     ]
 
 
-def _track_of_link(
-    states: list[tuple[int, int, _Source, Any]], settings: ImportSettings
-) -> _Track:
+def _at_times(times: FloatArray, clock: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return rows at other times, NaN where none was recorded close to them."""
+    order = np.argsort(clock, kind="stable")
+    clock = clock[order]
+    values = interpolated(times, clock, rows[order])
+    padded = np.concatenate([[-np.inf], clock, [np.inf]])
+    after = np.searchsorted(clock, times) + 1
+    nearest = np.minimum(times - padded[after - 1], padded[after] - times)
+    steps = [np.median(np.diff(stamps)) for stamps in (times, clock) if len(stamps) > 1]
+    values[nearest > max(steps, default=0.0)] = np.nan
+    return values
+
+
+def _poses_of_link(
+    messages: list[_Message], wanted: list[str], settings: ImportSettings
+) -> tuple[list[_Message], FloatArray]:
     """Return the poses of a robot's link, from when each of its joints was seen."""
     urdf, link = settings.urdf, settings.link
     if urdf is None or link is None:
@@ -212,28 +209,29 @@ def _track_of_link(
             chain.add(joint.mimic.joint if joint.mimic else joint.name)
     positions: dict[str, float] = {}
     sources: defaultdict[str, set[str]] = defaultdict(set)
-    track: _Track = []
-    for stamp, logged, source, message in states:
-        if len(message.position) not in (0, len(message.name)):
+    track, rows = list[_Message](), list[FloatArray]()
+    messages = [m for m in messages if m.source[: len(wanted)] == tuple(wanted)]
+    for message in messages:
+        names, values = message.content.name, message.content.position
+        if len(values) not in (0, len(names)):
             raise ValueError(
-                f"a joint state has {len(message.name)} names and "
-                f"{len(message.position)} positions"
+                f"a joint state has {len(names)} names and {len(values)} positions"
             )
-        values = dict(zip(message.name, message.position, strict=False))
-        values = {name: values[name] for name in chain & values.keys()}
-        for name in values:
-            sources[name].add(":".join(source))
-        positions.update(values)
+        seen = {n: v for n, v in zip(names, values, strict=False) if n in chain}
+        for name in seen:
+            sources[name].add(":".join(message.source))
+        positions.update(seen)
         # Messages without these joints are of other parts, or of other robots.
-        if values and len(positions) == len(chain):
+        if seen and len(positions) == len(chain):
             robot.update_cfg(positions)
             matrix = robot.get_transform(link)
-            quaternion = Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
-            track.append((stamp, logged, (*matrix[:3, 3], *quaternion)))
-    if not any(len(message.position) for *_, message in states):
+            turned = Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
+            track.append(message)
+            rows.append(np.concatenate([matrix[:3, 3], turned]))
+    if not any(len(message.content.position) for message in messages):
         raise ValueError("joint states have no positions")
     if not track:
-        names = sorted({name for *_, message in states for name in message.name})
+        names = sorted({name for message in messages for name in message.content.name})
         raise ValueError(
             f"no joint state has {', '.join(sorted(chain - sources.keys()))!s:.200}, "
             f"which move {link} of {urdf.name}; they have {', '.join(names)!s:.200}"
@@ -244,4 +242,4 @@ def _track_of_link(
                 f"the frames or publishers {', '.join(sorted(several))} have joint "
                 f"{name}; say which: --body TOPIC:FRAME"
             )
-    return track
+    return track, np.array(rows)

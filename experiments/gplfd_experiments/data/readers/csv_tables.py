@@ -6,13 +6,13 @@ of columns are skipped, and names in several lines are joined, as in files of Mo
 """
 
 import csv
+import io
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, islice
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 
 import numpy as np
 
@@ -35,84 +35,68 @@ _MOST_HEADS: Final = 100
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion in a table; errors contain the line number."""
-    with path.open("rb") as stream:
-        start = stream.read(2)
-    marked = start in (b"\xff\xfe", b"\xfe\xff")
-    if marked or b"\0" in start:
-        unmarked = "utf-16-be" if start[:1] == b"\0" else "utf-16-le"
-        return [_read(path, settings, "utf-16" if marked else unmarked)]
-    try:
-        return [_read(path, settings, "utf-8-sig")]
-    except UnicodeDecodeError:
-        return [_read(path, settings, "latin-1")]
-
-
-def _read(path: Path, settings: ImportSettings, encoding: str) -> RawRecording:
-    with path.open(encoding=encoding, newline="") as stream:
-        rows = _lines(stream)
-        lines = list(islice(rows, _MOST_HEADS))
-        if not lines:
-            raise ValueError("it is empty")
-        delimiter = _delimiter(lines)
-        head = [(number, _cells(text, delimiter)) for number, text in lines]
-        heads, first = _heads(head, settings, delimiter)
-        where = "--columns" if settings.columns else "the header"
-        places = named_columns(heads, where, settings.body)
-        values = array("d")
-        more = ((number, _cells(text, delimiter)) for number, text in rows)
-        for number, cells in chain(head[first:], more):
-            if len(cells) < len(heads) or any(cells[len(heads) :]):
+    lines = _lines(path.read_bytes())
+    delimiter = _delimiter(lines)
+    top = [_cells(text, delimiter) for _, text in lines[:_MOST_HEADS]]
+    heads, first = _heads(top, settings, delimiter)
+    where = "--columns" if settings.columns else "the header"
+    places = named_columns(heads, where, settings.body)
+    values = array("d")
+    for number, text in lines[first:]:
+        cells = _cells(text, delimiter)
+        if len(cells) < len(heads) or any(cells[len(heads) :]):
+            raise ValueError(
+                f"line {number} has {len(cells)} columns, and {len(heads)} are named: "
+                f"{listed(heads)}"
+            )
+        for name, (place, _) in places.items():
+            try:
+                values.append(_number(cells[place], delimiter))
+            except ValueError:
                 raise ValueError(
-                    f"line {number} has {len(cells)} columns, and {len(heads)} are "
-                    f"named: {listed(heads)}"
-                )
-            for name, (place, _) in places.items():
-                try:
-                    values.append(_number(cells[place], delimiter))
-                except ValueError:
-                    raise ValueError(
-                        f"line {number}, column {place + 1} ({name}): "
-                        f"{cells[place]!r:.40} is no number"
-                    ) from None
+                    f"line {number}, column {place + 1} ({name}): {cells[place]!r:.40} "
+                    "is no number"
+                ) from None
     table = np.frombuffer(values).reshape(-1, len(places)).T
     units = {name: unit for name, (_, unit) in places.items()}
-    if head[0][1][0] == "Format Version":  # What Motive states in its first line.
-        stated = dict(zip(head[0][1][::2], head[0][1][1::2], strict=False))
+    if top[0][0] == "Format Version":  # What Motive states in its first line.
+        stated = dict(zip(top[0][::2], top[0][1::2], strict=False))
         length = UNIT_WORDS.get(stated.get("Length Units", "").lower())
         units |= {name: units[name] or length for name in POSITION if name in units}
         if settings.angles is None and "rx" in units:
             euler = f"euler-{stated.get('Rotation Type', 'XYZ')}-deg"
             settings = replace(settings, angles=euler)
     columns = dict(zip(places, zip(table, units.values(), strict=True), strict=True))
-    # Unknown columns may be the time.
-    used = {place for place, _ in places.values()}
-    names = [understood(head)[0] for head in heads]
-    unused = [
-        head
-        for place, head in enumerate(heads)
-        if place not in used and head.lower() not in ("", "-", "frame", "index")
-    ]
-    untimed = ""
-    if unused:
-        likely = heads.index(unused[0])
-        named = ["t" if place == likely else n or "-" for place, n in enumerate(names)]
-        untimed = (
-            f": its columns are {listed(heads)}. If one of them is the time, name it, "
-            f"for example --columns 't={unused[0]}', or all in their order, --columns "
-            f"{','.join(named)!s:.200}. Otherwise"
-        )
-    motion = recording(path.name, columns, settings, untimed, unused)
+    used = {place for place, _ in places.values()} | {
+        place for place, head in enumerate(heads) if head.lower() in ("frame", "index")
+    }
+    unused = [head for place, head in enumerate(heads) if place not in used]
+    motion = recording(path.name, columns, settings, unused)
     if settings.body and not any(understood(head)[2] for head in heads):
         note = "--body has no effect: the names of its columns are of no body"
         motion = replace(motion, notes=(*motion.notes, note))
-    return motion
+    return [motion]
 
 
-def _lines(stream: TextIO) -> Iterator[tuple[int, str]]:
-    """Yield number and text of every line that is neither empty nor a comment."""
-    for number, text in enumerate(stream, start=1):
-        if text.strip() and not text.lstrip().startswith("#"):
-            yield number, text.strip("\r\n")
+def _lines(content: bytes) -> list[tuple[int, str]]:
+    """Return number and text of every line that is neither empty nor a comment."""
+    encoding = "utf-8-sig"
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    elif b"\0" in content[:2]:
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    lines = [
+        (number, line.strip("\r\n"))
+        for number, line in enumerate(io.StringIO(text, newline=""), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise ValueError("it is empty")
+    return lines
 
 
 def _delimiter(lines: list[tuple[int, str]]) -> str:
@@ -120,30 +104,31 @@ def _delimiter(lines: list[tuple[int, str]]) -> str:
     if separated := re.fullmatch(r"sep=(.+)", lines[0][1].strip(" \"'")):
         lines.pop(0)
         return separated[1].replace("\\t", "\t")
-    text = lines[-1][1]
+    text = lines[:_MOST_HEADS][-1][1]
     marks = [*(mark for mark in "\t;," if mark in text), " "]
-
-    def numeric(mark: str) -> bool:
-        return all(_is_number(cell, mark) for cell in _cells(text, mark))
-
-    return next(filter(numeric, marks), marks[0])
+    numeric = (
+        mark
+        for mark in marks
+        if all(_is_number(cell, mark) for cell in _cells(text, mark))
+    )
+    return next(numeric, marks[0])
 
 
 def _heads(
-    rows: list[tuple[int, list[str]]], settings: ImportSettings, delimiter: str
+    rows: list[list[str]], settings: ImportSettings, delimiter: str
 ) -> tuple[Sequence[str], int]:
     """Return the names of the columns, and the index of the row of the first sample."""
     columns = settings.columns
-    if columns and not any("=" in column for column in columns):
-        named = [place for place, name in enumerate(columns) if understood(name)[0]]
-        for index, (_, cells) in enumerate(rows):
-            fits = len(cells) >= len(columns)
-            if fits and all(_is_number(cells[place], delimiter) for place in named):
-                return columns, index
-        return columns, min(1, len(rows) - 1)
-    for index, (_, cells) in enumerate(rows):
-        numeric = all(_is_number(cell, delimiter) for cell in cells)
-        if len(cells) > 1 and cells[0] and numeric:
+    in_order = columns if not any("=" in column for column in columns) else ()
+    wanted = {column.partition("=")[2] for column in columns}
+    for index, cells in enumerate(rows):
+        numeric = [_is_number(cell, delimiter) for cell in cells]
+        names = [understood(cell)[0] for cell in cells]
+        if in_order:
+            used = [at for at, name in enumerate(in_order) if understood(name)[0]]
+            if len(cells) >= len(in_order) and all(numeric[at] for at in used):
+                return in_order, index
+        elif len(cells) > 1 and cells[0] and all(numeric):
             if index == 0:
                 raise ValueError(
                     f"its {len(cells)} columns have no names; give them in their "
@@ -151,20 +136,18 @@ def _heads(
                     "- for one to leave out"
                 )
             break
-        names = [understood(cell)[0] for cell in cells]
-        wanted = {column.partition("=")[2] for column in columns}
-        if {"x", "y"} <= set(names) or (wanted and wanted <= set(cells)):
+        elif {"x", "y"} <= set(names) or (wanted and wanted <= set(cells)):
             heads = cells
-            if index and len(set(names) - {None}) < len(names) - names.count(None):
+            if len(set(names) - {None}) < len(names) - names.count(None):
                 # The names of bodies and of quantities are in the lines above.
-                above = [other for _, other in rows[:index] if len(other) == len(cells)]
+                above = [row for row in rows[:index] if len(row) == len(cells)]
                 joined = map(" ".join, zip(*above, cells, strict=True))
                 heads = [
                     cell if name == "t" else words.strip()
                     for cell, name, words in zip(cells, names, joined, strict=True)
                 ]
             return renamed(heads, columns), index + 1
-    return renamed(rows[0][1], columns), 1
+    return renamed(rows[0], columns), min(1, len(rows) - 1)
 
 
 def _cells(text: str, delimiter: str) -> list[str]:

@@ -33,20 +33,20 @@ class Reader(NamedTuple):
 READERS: Final = (
     Reader("a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")),
     Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
-    Reader("a MATLAB file", "matlab", (".mat",)),
+    Reader("a MATLAB file", "arrays", (".mat",)),
     Reader("a recording of Xsens MVN", "mvnx", (".mvnx",)),
     Reader("a Biovision hierarchy", "bvh", (".bvh",)),
     Reader("a C3D file", "c3d", (".c3d",)),
     Reader("a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
     Reader("demonstrations of robomimic", "robomimic", (".hdf5", ".h5")),
     Reader("a data set of LeRobot", "lerobot", marks=("meta/info.json",)),
-    Reader("a data set of Minari", "minari_episodes", marks=("data/metadata.json",)),
-    Reader("a set of demonstrations", "arrays", marks=("demonstrations.npz",)),
+    Reader("a data set of Minari", "own_sets", marks=("data/metadata.json",)),
+    Reader("a set of demonstrations", "own_sets", marks=("demonstrations.npz",)),
 )
 """Every kind of file that is read."""
 _TABLE: Final = ("body", "columns", "time_unit", "angles", "quaternions")
 _OPTIONS: Final = {
-    **dict.fromkeys(("csv_tables", "arrays", "matlab"), _TABLE),
+    **dict.fromkeys(("csv_tables", "arrays"), _TABLE),
     **dict.fromkeys(("mvnx", "bvh", "c3d"), ("body",)),
     "bags": ("body", "urdf", "link", "wrench"),
     "robomimic": ("body", "angles", "wrench"),

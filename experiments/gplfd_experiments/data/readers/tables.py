@@ -8,7 +8,7 @@ Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, 
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,110 +24,80 @@ from gplfd_experiments.data.settings import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 
-Form = tuple[str, ...]
+Names = tuple[str, ...]
+Columns = Mapping[str, tuple[FloatArray, str | None]]
+"""Values, (N,), and unit of columns, by the names of this module."""
 POSITION: Final = ("x", "y", "z")
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
+XYZW: Final = ("qx", "qy", "qz", "qw")
 NUMBERED: Final = ("q0", "q1", "q2", "q3")
 ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 EULER: Final = ("roll", "pitch", "yaw")
 MATRIX: Final = tuple(f"r{row}{column}" for row in range(3) for column in range(3))
 SIX_NUMBERS: Final = tuple(f"d{place}" for place in range(6))
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
-ORIENTATIONS: Final = (
-    QUATERNION,
-    NUMBERED,
-    ROTATION_VECTOR,
-    EULER,
-    MATRIX,
-    SIX_NUMBERS,
-)
-"""Columns of each form of an orientation that `quaternions_of` converts; the first form
-that a table has is used. Quaternions with numbers are in the order of
-`ImportSettings.quaternions`, matrices row by row, and six numbers are their first two
-rows."""
-XYZW: Final = (*QUATERNION[1:], QUATERNION[0])
-
-_NEWTON_METRES: Final = {"nm": 1.0, "n m": 1.0, "nmm": 1e-3, "n mm": 1e-3}
-_ORTHONORMAL: Final = 0.1  # Largest error of R Rᵀ of a rotation matrix R.
-
-
-class _Quantity(NamedTuple):
-    """What columns of a table or an array can be; names are separated by spaces."""
-
-    columns: Form
-    units: Mapping[str, float]
-    names: str = ""
-    """Other names of the columns; ``*`` stands for the column without its first letter,
-    or the axis of roll, pitch and yaw."""
-    arrays: str = ""
-    """Names of an array that has all columns."""
-
-
-_QUANTITIES: Final = (
-    _Quantity(
-        ("t",),
-        SECONDS,
-        "time timestamp time_stamp stamp seconds header_stamp",
-        "times time t timestamps",
-    ),
-    _Quantity(("secs",), {}, "sec stamp_secs stamp_sec"),
-    _Quantity(
-        ("nsecs",), {}, "nsec nanosec nanosecs nanoseconds stamp_nsecs stamp_nanosec"
-    ),
-    _Quantity(
-        POSITION,
-        METRES,
-        "p* p_* pos_* position_* translation_* location_*",
-        "positions position pos p xyz",
-    ),
-    _Quantity(
-        QUATERNION,
-        {},
-        "q_* quat_* quaternion_* orientation_* ori_* orient_* attitude_*",
-        "quaternions_wxyz quat_wxyz q_wxyz",
-    ),
-    _Quantity(XYZW, {}, arrays="quaternions_xyzw quat_xyzw q_xyzw"),
-    _Quantity(NUMBERED, {}, "q_* quat_* quaternion_* orientation_*"),
-    _Quantity(
-        ROTATION_VECTOR,
-        RADIANS,
-        "rotvec_* rot_* rotation_* axis_angle_* axisangle_*",
-        "rotvecs rotvec rotation_vectors rotation_vector axis_angle axis_angles",
-    ),
-    _Quantity(("rw",), {}, "rot_w rotation_w"),
-    _Quantity(
-        EULER,
-        RADIANS,
-        "euler_* euler_angle_* euler_angles_* rpy_*",
-        "rpy roll_pitch_yaw",
-    ),
-    _Quantity(MATRIX, {}, "r_* m* m_* rot_* rotation_* mat_* matrix_* rotmat_*"),
-    _Quantity(SIX_NUMBERS, {}, "rot6d_* rot_6d_* rotation_6d_* d6_* 6d_*"),
-    _Quantity(FORCE[:3], {"n": 1.0}, "force_*"),
-    _Quantity(FORCE[3:], _NEWTON_METRES, "torque_*"),
-    _Quantity(FORCE, {}, arrays="force forces wrench wrenches"),
-    _Quantity(("gripper",), {}, "gripper_position gripper_width", "gripper"),
-)
-"""All names that are understood."""
-
-ARRAYS: Final = {
-    name: kind.columns for kind in _QUANTITIES for name in kind.arrays.split()
+_FORMS: Final = (QUATERNION, NUMBERED, ROTATION_VECTOR, EULER, MATRIX, SIX_NUMBERS)
+"""Columns of each form of an orientation, of which the first in a table is used.
+Quaternions with numbers are in the order of `ImportSettings.quaternions`, matrices row
+by row, and six numbers are their first two rows."""
+ORIENTED: Final = frozenset().union(*_FORMS)
+_NAMES: Final[Mapping[Names, str]] = {
+    ("t",): "time timestamp time_stamp stamp seconds header_stamp",
+    ("secs",): "sec stamp_secs stamp_sec",
+    ("nsecs",): "nsec nanosec nanosecs nanoseconds stamp_nsecs stamp_nanosec",
+    POSITION: "p* p_* pos_* position_* translation_* location_*",
+    QUATERNION: "q_* quat_* quaternion_* orientation_* ori_* orient_* attitude_*",
+    NUMBERED: "q_* quat_* quaternion_* orientation_*",
+    ROTATION_VECTOR: "rotvec_* rot_* rotation_* axis_angle_* axisangle_*",
+    ("rw",): "rot_w rotation_w",
+    EULER: "euler_* euler_angle_* euler_angles_* rpy_*",
+    MATRIX: "r_* m* m_* rot_* rotation_* mat_* matrix_* rotmat_*",
+    SIX_NUMBERS: "rot6d_* rot_6d_* rotation_6d_* d6_* 6d_*",
+    FORCE[:3]: "force_*",
+    FORCE[3:]: "torque_*",
+    ("gripper",): "gripper_position gripper_width",
 }
-_ORIENTED: Final = re.compile(
+"""Other names of columns; ``*`` stands for a column without its first letter, or for
+the axis of roll, pitch and yaw."""
+_NAMES_OF_ARRAYS: Final[Mapping[Names, str]] = {
+    ("t",): "times time t timestamps",
+    POSITION: "positions position pos p xyz",
+    QUATERNION: "quaternions_wxyz quat_wxyz q_wxyz",
+    XYZW: "quaternions_xyzw quat_xyzw q_xyzw",
+    ROTATION_VECTOR: "rotvecs rotvec rotation_vectors rotation_vector "
+    "axis_angle axis_angles",
+    EULER: "rpy roll_pitch_yaw",
+    FORCE: "force forces wrench wrenches",
+    ("gripper",): "gripper",
+}
+"""Names of arrays that have all columns of a quantity."""
+_UNITS: Final[Mapping[Names, Mapping[str, float]]] = {
+    ("t",): SECONDS,
+    POSITION: METRES,
+    ROTATION_VECTOR: RADIANS,
+    EULER: RADIANS,
+    FORCE[:3]: {"n": 1.0},
+    FORCE[3:]: {"nm": 1.0, "n m": 1.0, "nmm": 1e-3, "n mm": 1e-3},
+}
+_ALL_UNITS: Final = frozenset().union(*_UNITS.values())
+_AXES: Final = dict(zip(EULER, POSITION, strict=True))
+_CANONICAL: Final = {
+    alias.replace("*", _AXES.get(column, column[1:] or column)): column
+    for columns, names in _NAMES.items()
+    for column in columns
+    for alias in (column, *names.split())
+}
+ARRAYS: Final = {
+    name: columns
+    for columns, names in _NAMES_OF_ARRAYS.items()
+    for name in names.split()
+}
+_TURNING: Final = re.compile(
     r"(?:q|quat|quaternion|orientation|ori|orient|rot|rotation|attitude|mat|matrix|"
     r"matrice|rotmat|rot_mat|rotation_matrix|rotation_matrice|euler|euler_angle|ypr|"
     r"rot_6d|rot6d|rotation_6d)s?(?:_site)?(_wxyz|_xyzw)?"
 )
 """Names of arrays of orientations; their shape, or --angles, says in which form."""
-_UNITS: Final = {kind.columns: kind.units for kind in _QUANTITIES}
-_AXES: Final = dict(zip(EULER, POSITION, strict=True))
-_CANONICAL: Final = {
-    alias.replace("*", _AXES.get(column, column[1:] or column)): column
-    for kind in _QUANTITIES
-    for column in kind.columns
-    for alias in (column, *kind.names.split())
-}
-_ALL_UNITS: Final = frozenset().union(*_UNITS.values())
 UNIT_WORDS: Final = dict(
     re.findall(
         r"(\w+):(\w+)",
@@ -141,11 +111,14 @@ _OF_ANOTHER: Final = re.compile(
     r"error|linear|angular)\b"
 )
 """Words before a name that make it another quantity."""
-_MANY_TURNS: Final = 7.0
-"""Larger angles [rad] are probably in degrees."""
-
-Columns = Mapping[str, tuple[FloatArray, str | None]]
-"""Values, (N,), and unit of columns, by the names of this module."""
+_READINGS: Final[Mapping[Names, str]] = {
+    **dict.fromkeys((MATRIX, SIX_NUMBERS), "rotation matrices row by row"),
+    **dict.fromkeys((QUATERNION, XYZW), ""),
+    ROTATION_VECTOR: "rotation vectors (Euler angles need --angles euler-xyz)",
+}
+_ORTHONORMAL: Final = 0.1  # Largest error of R Rᵀ of a rotation matrix R.
+_MANY_TURNS: Final = 7.0  # Larger angles [rad] are probably in degrees.
+_HALF_TURN: Final = 3.2  # Longer rotation vectors [rad] are probably none.
 
 
 def understood(head: str) -> tuple[str | None, str | None, str]:
@@ -162,13 +135,13 @@ def understood(head: str) -> tuple[str | None, str | None, str]:
         unit = last if last in _ALL_UNITS - {"n"} else None
         words = words[:-1] if unit else words
     for start in range(len(words)):
-        rest = words[start:]
-        name = _CANONICAL.get("_".join(rest))
+        name = _CANONICAL.get("_".join(words[start:]))
         # A name alone is that of something only if no other quantity has it.
-        clear = len(rest) > 1 or name in {*QUATERNION, *EULER}
-        clear = clear and not _OF_ANOTHER.search(" ".join(words[:start]))
-        if name is not None and (start == 0 or clear):
-            return name, unit, " ".join(words[:start])
+        clear = start < len(words) - 1 or name in {*QUATERNION, *EULER}
+        owner = " ".join(words[:start])
+        clear = not owner or (clear and not _OF_ANOTHER.search(owner))
+        if name is not None and clear:
+            return name, unit, owner
     return None, None, ""
 
 
@@ -178,14 +151,11 @@ def listed(names: Iterable[str]) -> str:
 
 
 def renamed(heads: Sequence[str], columns: Sequence[str]) -> Sequence[str]:
-    """Return the heads of a table with the names of ``--columns``.
-
-    These are names in the order of the columns, or ``NAME=HEAD`` for some of them.
-    """
+    """Return heads with names of ``--columns``: in their order, or ``NAME=HEAD``."""
     if not any("=" in column for column in columns):
         return columns or heads
     names = {
-        head.strip(): name for name, _, head in (c.partition("=") for c in columns)
+        column.split("=", 1)[-1].strip(): column.split("=")[0] for column in columns
     }
     if unknown := names.keys() - {head.strip() for head in heads}:
         raise ValueError(
@@ -212,33 +182,31 @@ def named_columns(
             for head in heads
         ]
     wanted = set(re.findall(r"[^\W_]+", (body or "").lower()))
-    candidates: dict[str, list[tuple[int, str, int, str | None]]] = {}
+    candidates: dict[str, dict[int, list[tuple[str, int, str | None]]]] = {}
     for place, head in enumerate(heads):
         name, unit, owner = understood(head)
         if name is not None:
             # Those of the chosen body, of none, and of bodies rather than of markers.
             chosen = bool(wanted) and wanted <= set(owner.split())
             rank = 0 if chosen else 3 if "marker" in owner else 2 if owner else 1
-            candidates.setdefault(name, []).append((rank, owner, place, unit))
+            ranks = candidates.setdefault(name, {})
+            ranks.setdefault(rank, []).append((owner, place, unit))
     columns: dict[str, tuple[int, str | None]] = {}
-    for name, several in candidates.items():
-        least = min(rank for rank, *_ in several)
-        (_, owner, place, unit), *others = (one for one in several if one[0] == least)
+    for name, ranks in candidates.items():
+        (_, place, unit), *others = best = ranks[min(ranks)]
         if others:
-            owners = sorted({owner, *(other[1] for other in others)} - {""})
-            choice = f"choose with --body: {', '.join(owners)}; or " if owners else ""
+            owners = ", ".join(sorted({owner for owner, *_ in best} - {""}))
             raise ValueError(
-                f"{where} has two columns for {name}; {choice}name those to leave out "
-                "'-' with --columns"
+                f"{where} has two columns for {name}; choose with --body"
+                f"{': ' * bool(owners)}{owners}; or name those to leave out '-' with "
+                "--columns"
             )
         columns[name] = (place, unit)
     if "rw" in columns:  # A quaternion, and no rotation vector.
-        for letter in "wxyz":
-            if f"r{letter}" in columns:
-                columns[f"q{letter}"] = columns.pop(f"r{letter}")
+        columns |= {f"q{n}": columns.pop(f"r{n}") for n in "wxyz" if f"r{n}" in columns}
     if any(head.strip().lower() == "q4" for head in heads):  # Joints of a robot.
         columns = {name: at for name, at in columns.items() if name not in NUMBERED}
-    for whole in (("x", "y"), *ORIENTATIONS):
+    for whole in (("x", "y"), *_FORMS):
         missing = [name for name in whole if name not in columns]
         if missing and (whole[0] == "x" or len(missing) < len(whole)):
             raise ValueError(
@@ -254,204 +222,148 @@ def recording(
     name: str,
     columns: Columns,
     settings: ImportSettings,
-    untimed: str = "",
     unused: Iterable[str] = (),
 ) -> RawRecording:
-    """Return the motion in columns with the names of this module.
-
-    Raises:
-        ValueError: A unit does not fit the quantity, or the units of x, y and z differ.
-    """
+    """Return the motion in columns; raise ValueError if a unit does not fit them."""
     notes: list[str] = []
     unused = [head for head in unused if head.strip() not in ("", "-")]
 
-    def unit_of(names: Form) -> str | None:
+    def quantity(
+        names: Names, wanted: str | None = None, what: str = ""
+    ) -> tuple[FloatArray, str | None]:
+        """Return values, (N, d), zero if absent, and the unit in which they are."""
         units = {columns[name][1] for name in names if name in columns} - {None}
-        known = _UNITS[names]
-        if len(units) > 1 or units - set(known):
-            listed = " and ".join(sorted(map(str, units)))
+        allowed = _UNITS.get(names, {})
+        if len(units) > 1 or units - set(allowed):
             raise ValueError(
-                f"{name}: {', '.join(names)} are in {listed}; they must share one unit "
-                f"of {', '.join(known)}"
+                f"{name}: {', '.join(names)} are in "
+                f"{' and '.join(sorted(map(str, units)))}; they must share one unit of "
+                f"{', '.join(allowed)}"
             )
-        return next(iter(units), None)
-
-    def stacked(names: Sequence[str]) -> FloatArray:
-        absent = np.zeros(len(columns["x"][0])), None
-        return np.column_stack([columns.get(column, absent)[0] for column in names])
-
-    def overridden(option: str, wanted: str | None, stated: str | None) -> None:
+        stated = next(iter(units), None)
         if wanted is not None and stated not in (None, wanted):
-            notes.append(
-                f"{option} read in {wanted}, although the file states {stated}"
-            )
+            notes.append(f"{what} read in {wanted}, although the file states {stated}")
+        absent = np.zeros(len(columns["x"][0])), None
+        values = [columns.get(column, absent)[0] for column in names]
+        return np.column_stack(values), wanted or stated
 
-    quaternions, wrenches, times, reading = None, None, None, ""
-    form = next((whole for whole in ORIENTATIONS if whole[0] in columns), None)
+    form = next((whole for whole in _FORMS if whole[0] in columns), None)
+    turning = form in (ROTATION_VECTOR, EULER)
+    for option, has_effect in (
+        ("angles", turning),
+        ("quaternions", form == NUMBERED),
+        ("time_unit", not columns.keys().isdisjoint(("t", "secs"))),
+    ):
+        if getattr(settings, option) is not None and not has_effect:
+            notes.append(f"--{option.replace('_', '-')} has no effect on its columns")
     sequence, unit = angles_of(settings.angles)
+    quaternions, wrenches, times, reading = None, None, None, ""
     if form is not None:
-        values, numbered = stacked(form), form == NUMBERED
-        if numbered:
+        values, stated = quantity(form, unit if turning else None, "angles")
+        form = EULER if turning and sequence is not None else form
+        if form == NUMBERED:
             form = XYZW if settings.quaternions == "xyzw" else QUATERNION
-        if numbered and settings.quaternions is None:
-            notes.append(
-                "q0 is taken as the scalar part; say --quaternions xyzw if it is q3"
-            )
-        if form == ROTATION_VECTOR and sequence is not None:
-            stated, form = unit_of(form), EULER
-        else:
-            stated = unit_of(form) if form in _UNITS else None
-        angles = unit or stated or "rad"
+            if settings.quaternions is None:
+                notes.append("q0 is taken as scalar; if q3 is, say --quaternions xyzw")
+        if form == EULER and sequence is None:
+            sequence = "xyz"
+            notes.append("Euler angles are taken as --angles euler-xyz: is it right?")
+        angles, sizes = stated or "rad", np.abs(values).max(axis=1)
         quaternions = quaternions_of(form, values, angles, sequence or "xyz")
-        if form in (MATRIX, SIX_NUMBERS):
-            reading = "rotation matrices row by row"
-        if form in (ROTATION_VECTOR, EULER):
-            overridden("angles", unit, stated)
+        reading = _READINGS.get(form, f"Euler angles, --angles euler-{sequence}")
+        if form == ROTATION_VECTOR:
             sizes = np.linalg.norm(values, axis=1)
-            if form == EULER:
-                sizes = np.abs(values).max(axis=1)
-                reading = f"Euler angles, --angles euler-{sequence or 'xyz'}"
-            else:
-                reading = "rotation vectors (Euler angles need --angles euler-xyz)"
-            if form == EULER and sequence is None:
-                notes.append(
-                    "Euler angles are taken as about fixed x, y and z; if this is "
-                    "wrong, say --angles euler-ZYX, or in another order"
-                )
-            longest = RADIANS[angles] * float(np.nanmax(sizes, initial=0.0))
-            if angles == "rad" and longest > _MANY_TURNS:
-                notes.append(
-                    f"angles as large as {longest:.3g} rad are many turns: are they "
-                    "degrees? say --angles deg"
-                )
-            elif form == ROTATION_VECTOR and longest > 3.2:
-                notes.append(
-                    f"rotation vectors as long as {longest:.3g} rad are more than half "
-                    "a turn: are they Euler angles? say --angles euler-xyz"
-                )
-    if settings.angles is not None and "ngle" not in reading:
-        notes.append("--angles has no effect: it has no angles")
-    if settings.quaternions is not None and "q0" not in columns:
-        notes.append("--quaternions has no effect: names give the order, if any")
+        largest = float(np.nanmax(sizes, initial=0.0))
+        limit = _HALF_TURN if form == ROTATION_VECTOR else _MANY_TURNS
+        if turning and angles == "rad" and largest > limit:
+            notes.append(
+                f"angles as large as {largest:.3g} rad: are they degrees? say --angles "
+                "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
+            )
     if "secs" in columns and "t" not in columns:
         seconds = columns["secs"][0] - np.nanmin(columns["secs"][0])
         nanoseconds = columns.get("nsecs", (np.zeros(len(seconds)), None))[0]
         columns = {**columns, "t": (seconds + 1e-9 * nanoseconds, "s")}
     if "t" in columns:
-        times, stated = columns["t"][0], unit_of(("t",))
-        overridden("times", settings.time_unit, stated)
-        read_as = settings.time_unit or stated or "s"
+        stamps, unit = quantity(("t",), settings.time_unit, "times")
+        times, unit = stamps[:, 0], unit or "s"
         steps = np.diff(np.sort(times[np.isfinite(times)]))
         step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
         likely = likely_time_unit(step)
-        contradicted = settings.time_unit is None or stated not in (None, read_as)
-        if contradicted and likely not in (None, read_as):
+        contradicted = settings.time_unit is None or columns["t"][1] not in (None, unit)
+        if contradicted and likely not in (None, unit):
             notes.append(
-                f"there is a sample every {step:.3g} {read_as}: are times in {likely}? "
-                f"say --time-unit {likely}, or --time-unit {read_as} if they are not"
+                f"there is a sample every {step:.3g} {unit}: are times in {likely}? "
+                f"say --time-unit {likely}, or --time-unit {unit} if they are not"
             )
-        times = times * SECONDS[read_as]
-    elif settings.time_unit is not None:
-        notes.append("--time-unit has no effect: it has no time stamps")
-    present = columns.keys() & set(FORCE)
-    if present and present <= set(FORCE[3:]):
-        unused += sorted(present)  # Such as those of a magnetometer.
-    elif present:
-        if present not in (set(FORCE[:3]), set(FORCE)):
-            raise ValueError(
-                f"{name} has {', '.join(sorted(present))} of a force and a moment; "
-                "they need fx, fy, fz, and mx, my, mz or none of these"
-            )
-        unit_of(FORCE[:3])
-        newton_metres = _NEWTON_METRES[unit_of(FORCE[3:]) or "nm"]
-        if "mx" not in present:
+        times = times * SECONDS[unit]
+    measured = columns.keys() & set(FORCE)
+    if set(FORCE[:3]) <= measured:
+        (forces, _), (moments, unit) = quantity(FORCE[:3]), quantity(FORCE[3:])
+        wrenches = np.hstack([forces, _UNITS[FORCE[3:]][unit or "nm"] * moments])
+        if not set(FORCE[3:]) <= measured:
             notes.append("forces without moments: taken as zero about the sensor")
-        wrenches = np.hstack([stacked(FORCE[:3]), newton_metres * stacked(FORCE[3:])])
+    else:
+        unused += sorted(measured)  # Such as those of a magnetometer.
     if unused:
         notes.append(f"columns {listed(unused)} are not used")
+    positions, unit = quantity(POSITION)
+    signals = {"gripper": quantity(("gripper",))[0]} if "gripper" in columns else {}
     return RawRecording(
         name=name,
-        positions=stacked(POSITION),
-        unit=unit_of(POSITION),
+        positions=positions,
+        unit=unit,
         times=times,
         quaternions=quaternions,
         reading=reading,
         wrenches=wrenches,
-        signals={"gripper": stacked(["gripper"])} if "gripper" in columns else {},
-        untimed="" if "t" in columns else untimed,
+        signals=signals,
         notes=tuple(notes),
     )
 
 
-def orientation_form(
-    name: str, shape: tuple[int, ...], settings: ImportSettings, order: str = ""
-) -> Form | None:
-    """Return the form of an array of orientations, None if its name is of none.
+def array_columns(name: str, shape: tuple[int, ...], settings: ImportSettings) -> Names:
+    """Return the columns of an array of a shape, none if its name is not understood.
 
-    Args:
-        name: Name of the array, without that of what moves.
-        shape: Its shape, (N, C), (C, N) or (N, 3, 3).
-        settings: Say the order of quaternions and the form of angles.
-        order: Order of quaternions that the kind of file has, if known.
-
-    Raises:
-        ValueError: Its form is neither known nor given.
+    Raises ValueError for orientations whose form neither name nor settings say.
     """
     name = "_".join(re.findall(r"[^\W_]+", name.lower()))
-    if ARRAYS.get(name) in ORIENTATIONS or ARRAYS.get(name) == XYZW:
-        return ARRAYS[name]
-    match = _ORIENTED.fullmatch(name)
-    if match is None:
-        return None
+    match = _TURNING.fullmatch(name)
+    if name in ARRAYS or match is None:
+        return ARRAYS.get(name, ())
+    width = next((width for width in (9, 4, 6, 3) if width in shape), 0)
+    order = (match[1] or "").strip("_") or settings.quaternions or ""
     sequence, _ = angles_of(settings.angles)
-    if shape[-2:] == (3, 3) or shape[:2] == (3, 3) or 9 in shape:
+    axes = "zyx" if "ypr" in name else sequence or "xyz" * ("euler" in name)
+    if width == 9 or (3, 3) in (shape[-2:], shape[:2]):
         return MATRIX
-    if 4 in shape:
-        order = (match[1] or "").strip("_") or order or settings.quaternions or ""
-        if not order:
-            raise ValueError(
-                f"the place of the scalar part of {name!r} is unknown: give "
-                "--quaternions wxyz or --quaternions xyzw"
-            )
+    if width == 4 and order:
         return XYZW if order == "xyzw" else QUATERNION
-    if 6 in shape:
+    if width == 6:
         return SIX_NUMBERS
-    if 3 in shape and "ypr" in name:
-        return EULER[::-1]
-    if 3 in shape and (sequence is not None or "euler" in name):
-        by_axis = dict(zip("xyz", EULER, strict=True))
-        letters = (sequence or "xyz").lower()
-        return tuple(by_axis[a] for a in letters) if len(set(letters)) == 3 else EULER
-    if 3 not in shape:
-        return None
+    if width == 3 and axes:
+        by_axis = tuple(EULER["xyz".index(axis)] for axis in axes.lower())
+        return by_axis if len(set(by_axis)) == 3 else EULER
+    if not width:
+        return ()
     raise ValueError(
-        f"the form of the orientations {name!r} {shape} is unknown: give --angles "
+        f"the form of the orientations {name!r} {shape} is unknown: give --quaternions "
+        "wxyz or --quaternions xyzw for the place of the scalar part, --angles "
         "euler-xyz for Euler angles, or name the array rotvec for rotation vectors"
     )
 
 
 def quaternions_of(
-    form: Form, values: FloatArray, angles: str = "rad", sequence: str = "xyz"
+    form: Names, values: FloatArray, angles: str = "rad", sequence: str = "xyz"
 ) -> FloatArray:
-    """Return orientations as quaternions, scalar first, (N, 4); NaN where not known.
+    """Return orientations (N, C) of a form as quaternions, scalar first, (N, 4).
 
-    Args:
-        form: One of `ORIENTATIONS`, in any order.
-        values: The columns of this form, (N, C).
-        angles: Unit of angles among them, one of `RADIANS`.
-        sequence: Axes of Euler angles as in SciPy, in capitals if they turn with the
-            body. Roll, pitch and yaw are about x, y and z, or in the order of a
-            sequence that repeats an axis.
-
-    Raises:
-        ValueError: A matrix is no rotation.
+    Angles have a unit of `RADIANS`, Euler angles a sequence of SciPy. Roll, pitch and
+    yaw are about x, y and z, or in the order of a sequence that repeats an axis. What
+    is not known is NaN. Raises ValueError if a matrix is no rotation.
     """
-    for whole in ORIENTATIONS:
-        if set(form) == set(whole):
-            values = values[:, [form.index(name) for name in whole]]
-            form = whole
-    if form in (QUATERNION, NUMBERED):
-        return values
+    if form in (QUATERNION, XYZW):
+        return values if form == QUATERNION else values[:, [3, 0, 1, 2]]
     if form == ROTATION_VECTOR:
         rotations = Rotation.from_rotvec(values * RADIANS[angles])
         return rotations.as_quat(scalar_first=True)

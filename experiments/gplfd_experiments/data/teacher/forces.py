@@ -1,22 +1,8 @@
-"""Forces of the synthetic human on a handle while pressing it and opening a door.
-
-For opening angles φ and handle angles θ, the mechanism of the simulated door requires
-the following torques about the axes of hinge and handle:
-
-    T = I φ̈ + I' φ̇² / 2 + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) (S(φ) + G(φ))
-    H = tanh(θ / φ₀) (p + k θ) + tanh(x / (ρ φ₀)) ρ (p_b + k_b x),  x = ρ max(θ - θ₀, 0)
-
-with the moment of inertia I, dampers c of the hinge and c_d of the closer, Coulomb
-friction F of both, springs S of closer, seal and stiction (`CloserLaw`), gravity G of a
-leaf that rises, a return spring p, k, and a bolt with a spring p_b, k_b that is drawn
-by ρ per angle beyond the dead travel θ₀. Friction at rest, which is undetermined, is
-set to zero. Stops carry the springs of a closed door and handle, within about φ₀.
-
-A hand that holds the handle at r from the hinge pulls with T/|r| along its path,
-presses a lever with H over its arm, and turns a knob by the moment H.
+"""Forces of the synthetic human on a handle; method.md has the equations.
 
 Not modelled: damping and inertia of the handle (less than 0.06 N m), friction of the
-bolt, contact with frame and stop, and the weight of the hand.
+bolt, contact with frame and stop, and the weight of the hand. Friction at rest, which
+is undetermined, is zero. Stops carry the springs of a closed door and handle.
 """
 
 import dataclasses
@@ -76,7 +62,12 @@ def hinge_inertia(door: DoorConfig) -> float:
 
 
 def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArray:
-    """Return the torques T [N m], (N,), for opening angles [rad] at a rate [Hz]."""
+    """Return the torques [N m], (N,), for opening angles φ [rad] at a rate [Hz].
+
+    I φ̈ + I' φ̇² / 2 + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) (S(φ) + G(φ)), with
+    the inertia I, dampers c of the hinge and c_d of the closer, Coulomb friction F,
+    springs S of closer, seal and stiction, and gravity G of a leaf that rises.
+    """
     window = 2 * max(round(0.5 * _SMOOTHED * rate), 1) + 1
     mode: Any = "interp" if window <= angles.size else "nearest"
     velocity, acceleration = (
@@ -101,8 +92,7 @@ def inertia_and_gravity(
 ) -> tuple[FloatArray, FloatArray]:
     """Return inertia [kg m²] and gravity's closing torque [N m] at angles, each (N,).
 
-    Of leaves and handle, whose centres c turn by ψ as `door_angle` φ grows:
-    Σ m (∂c/∂φ)² + J (∂ψ/∂φ)² and Σ m g ∂c_y/∂φ.
+    Of parts whose centres c turn by ψ: Σ m (∂c/∂φ)² + J (∂ψ/∂φ)² and Σ m g ∂c_y/∂φ.
     """
     if door.motion == "hinged":
         return np.full_like(angles, hinge_inertia(door)), np.zeros_like(angles)
@@ -137,7 +127,10 @@ def inertia_and_gravity(
 
 
 def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
-    """Return the torque H [N m] that holds a lever or knob at angles [rad], (N,)."""
+    """Return the torque [N m] that holds a lever or knob at angles [rad], (N,).
+
+    Beyond its dead travel, the handle also draws the bolt against its spring.
+    """
     preload, stiffness = door.handle_spring
     torque = np.tanh(turns / _AT_STOP) * (preload + stiffness * turns)
     if door.latch == "spring":

@@ -1,7 +1,7 @@
 """Motion of a person who reaches for a handle, presses it and opens the door."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -10,13 +10,14 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, uneven_timing
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.agents.reaching import GRASPED, join_at_grasp
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 """Radii of the demonstrated doors with a bar [m]."""
-
 ROOM_RADII: Final = (0.53, 0.65, 0.78)
 """Radii of doors with a lever or knob, for DIN leaves of 0.584, 0.709, 0.834 m [m]."""
-
 _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
     "sliding": (0.55, 0.70, 0.85),
     "parallel-sliding": (0.45, 0.60, 0.75),
@@ -25,7 +26,6 @@ _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
     "rising-butt": ROOM_RADII,
 }
 """The same for other motions."""
-
 _SHAPE: Final = {
     "parallel-sliding": ("mechanism", "offset"),
     "folding": ("leaf", "backset"),
@@ -78,11 +78,7 @@ def duration(press: Press, opening_time: float) -> float:
 def press_and_opening(
     progress: FloatArray, press: Press, opening_time: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the progress of pressing and of opening, each (N,).
-
-    They are those at a progress of the whole motion, from 0 to 1, (N,), in which the
-    opening alone takes some time [s].
-    """
+    """Return the progress of pressing and of opening, at that of the whole, (N,)."""
     if press.time == 0.0:
         return np.zeros_like(progress), progress
     elapsed = duration(press, opening_time) * progress
@@ -113,9 +109,8 @@ def reach_motion(
 ) -> tuple[FloatArray, FloatArray, Rotation]:
     """Return the motion of a hand that reaches the handle and closes, ending at time 0.
 
-    A minimum-jerk motion along a gentle arch, unevenly timed, and a rest while the hand
-    closes, sampled at a rate [Hz]: times (N,) [s], positions (N, 3) [m] from the
-    handle, in door axes, and N rotations relative to the grasp.
+    Times (N,) [s], positions (N, 3) [m] from the handle, in door axes, and N rotations
+    relative to the grasp. The motion along a gentle arch is unevenly timed.
     """
     distance = rng.uniform(*_DISTANCE)
     aside, above = rng.uniform(-_DIRECTION, _DIRECTION, 2)
@@ -132,3 +127,21 @@ def reach_motion(
     from_line = np.sin(np.pi * done) ** 2 * (_ARCH * arch)
     positions = (1.0 - done) * (distance * direction) + from_line
     return times, positions, Rotation.from_rotvec((1.0 - done) * (_TURN * turned))
+
+
+def with_reaches(
+    reaches: Sequence[Demonstration],
+    openings: Sequence[Demonstration],
+    radii: Sequence[float | None],
+) -> LabelledDemonstrations:
+    """Join reaches and openings of doors with radii [m], or None.
+
+    A signal says whether the hand holds the handle.
+    """
+    whole = tuple(map(join_at_grasp, reaches, openings))
+    grasped = [
+        {GRASPED: (joined.times[:, None] >= 0.0).astype(float)} for joined in whole
+    ]
+    return LabelledDemonstrations(
+        demonstrations=whole, radii=tuple(radii), signals=tuple(grasped)
+    )

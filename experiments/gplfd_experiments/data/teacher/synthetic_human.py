@@ -4,11 +4,6 @@ The teacher replaces the recordings of Arduengo et al., *Gaussian-Process-based
 Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
 trajectories of a person in an Xsens MVN suit who opens doors of different radii.
 
-Modelled: a minimum-jerk opening along the handle's arc with a random duration and final
-angle, and the effects of `TeacherConfig`, `Habits` and `ForceConfig`. A handle that
-turns is pressed first, the door moves as soon as the latch is free, and the handle
-returns while the door opens.
-
 Not modelled: release of the handle, a rotation between the axes of suit and door,
 magnetic disturbance, and habits of a person that persist across demonstrations.
 """
@@ -29,13 +24,13 @@ from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.data.teacher import handle_motion, random_motion
 from gplfd_experiments.data.teacher.forces import ForceConfig, hand_wrenches
-from gplfd_experiments.data.teacher.habits import (
+from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
+from gplfd_experiments.data.teacher.random_motion import (
     TIDY,
     Habits,
     irregular_timing,
     lose_samples,
 )
-from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -45,12 +40,7 @@ _BEFORE_STOP: Final = math.radians(1.0)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TeacherConfig(Quantities):
-    """Motion of the synthetic human and measurement by the suit.
-
-    Raises:
-        ValueError: A field is not finite or outside its range.
-        TypeError: A field is not a number.
-    """
+    """Motion of the synthetic human and measurement by the suit."""
 
     duration_mean: float = quantity(6.0, unit="s", low=0.5, high=60.0)
     """Mean duration of an opening."""
@@ -116,19 +106,10 @@ class Teacher:
     ) -> Demonstration:
         """Open one door and return the recording of the suit.
 
-        The poses are in the task frame and relative to the first sample, which is
-        therefore exactly zero: positions subtract the first position, orientations
-        are the rotation from the first orientation to the present one, in door axes.
-        A child generator is spawned per effect, so that the draws of an effect do not
-        depend on the other effects.
-
-        Args:
-            door: The door, or the radius of a door with a bar [m].
-            rng: Random generator.
-
-        Returns:
-            Times [s] from 0 at the suit's rate, poses (N, 6) [m, rad] and, with
-            `forces`, wrenches (N, 6) [N, N m].
+        The door may be the radius of one with a bar [m]. The poses [m, rad] are in the
+        task frame and relative to the first sample, rotations in door axes. A child
+        generator is spawned per effect, so that the draws of an effect do not depend on
+        the others.
 
         Raises:
             ValueError: No door has such a radius.
@@ -186,9 +167,7 @@ class Teacher:
     ) -> tuple[Demonstration, ...]:
         """Open each door several times, in the given order of doors.
 
-        A demonstration depends only on ``rng``, the place of its door in ``doors`` and
-        its own number: more doors at the end or more demonstrations per door do not
-        change the others in any bit.
+        More doors at the end or more demonstrations per door do not change the others.
 
         Raises:
             ValueError: No door or an impossible one, or ``per_door`` is less than 1.
@@ -204,20 +183,14 @@ class Teacher:
     def standard_demonstrations(
         self, per_door: int = 2, *, seed: int, like: DoorConfig | None = None
     ) -> tuple[Demonstration, ...]:
-        """Return the demonstrations of runs and studies with this seed, at three doors.
-
-        They are of the kind of a door; of a furniture door with a bar by default.
-        """
+        """Return demonstrations at three doors of the kind of one, by default a bar."""
         doors = doors_like(DoorConfig() if like is None else like)
         return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
 
     def standard_reaches(
         self, per_door: int = 2, *, seed: int, doors: int = len(DEMONSTRATED_RADII)
     ) -> tuple[Demonstration, ...]:
-        """Reach for the handles of a number of doors of runs with this seed.
-
-        The openings draw what they would alone.
-        """
+        """Reach for the handles of a number of doors; openings draw the same."""
         *_, rng = np.random.default_rng(seed).spawn(doors + 1)
         return tuple(map(self.demonstrate_reach, rng.spawn(doors * per_door)))
 
@@ -225,8 +198,7 @@ class Teacher:
         """Reach for a handle, grasp it, and return the recording of the suit.
 
         Times [s] end at 0, and the poses [m, rad], door axes, are relative to the last
-        sample, in which the hand holds the closed handle: the recording of
-        `demonstrate` continues from there.
+        sample, from which the recording of `demonstrate` continues.
         """
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
