@@ -136,7 +136,7 @@ class RobotConfig:
     """Camera at the hand, frame of `tool`: position [m], its right and up axes."""
     capsules: tuple[Capsule, ...]
     """Collision geometry of a mobile robot, without its fingers."""
-    stances: tuple[tuple[StanceGroup, Stance], ...]
+    stances: tuple[tuple[StanceGroup, Stance], ...] = ()
     """Stances for groups of doors."""
     content: bytes = field(default=b"", repr=False)
     """Content of the URDF when it was read: a changed file is another robot."""
@@ -146,8 +146,8 @@ class RobotConfig:
     """Limits of joints that replace the URDF's [N m]."""
     velocity: tuple[tuple[str, float], ...] = ()
     """The same of speeds [rad/s]."""
-    search: Callable[["RobotConfig", StanceGroup], Stance] | None = None
-    """Finds the stance for another group of doors."""
+    search: Callable[["RobotConfig", StanceGroup], Stance | str] | None = None
+    """Returns the stance for another group of doors, or why there is none."""
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, ("fixed", "mobile"))
@@ -171,13 +171,15 @@ class RobotConfig:
         for doors, stance in self.stances:
             if doors == group:
                 return stance
-        if self.search is not None:
-            return self.search(self, group)
+        stance_or_reason = self.search(self, group) if self.search else ""
+        if isinstance(stance_or_reason, Stance):
+            return stance_or_reason
+        reason = f": {stance_or_reason}" if stance_or_reason else ""
         advice = '; give base="mobile"' if self.base == "fixed" else ""
         raise ValueError(
             f"the robot {self.name} has no posture for a door with "
             f"handle={door.handle!r}, swing={door.swing!r} and "
-            f"hinge_side={door.hinge_side!r} on a {self.base} base{advice}"
+            f"hinge_side={door.hinge_side!r} on a {self.base} base{reason}{advice}"
         )
 
 

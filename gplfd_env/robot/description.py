@@ -7,6 +7,7 @@ capsules replace the links of a mobile robot.
 import io
 import logging
 import math
+import re
 import warnings
 import xml.etree.ElementTree as ET
 from functools import lru_cache, partial
@@ -30,34 +31,10 @@ PAD_BEHIND: Final = 0.02
 _PAD: Final = (0.01, 0.04, 0.08)
 """Thickness, width and length of a finger pad [m]."""
 
-_TAKEN: Final = frozenset(
-    [
-        "world",
-        "motors",
-        "door_frame",
-        "door",
-        "handle",
-        "bolt",
-        "hinge",
-        "along",
-        "out",
-        "coordinate",
-        "stand_base",
-        "stand_lift",
-        "stand_lift_link",
-        "base_x_joint",
-        "base_y_joint",
-        "base_yaw_joint",
-        "drive_x_joint",
-        "drive_y_joint",
-        "drive_yaw_joint",
-        "gripper_link",
-        "gripper_left_finger_joint",
-        "gripper_left_finger_link",
-        "gripper_right_finger_joint",
-        "gripper_right_finger_link",
-        "gripper_link_mount",
-    ]
+_TAKEN: Final = re.compile(
+    "world|motors|door(_frame)?|handle|bolt|hinge|along|out|coordinate|"
+    "stand_(base|lift|lift_link)|(base|drive)_(x|y|yaw)_joint|gripper_link(_mount)?|"
+    "gripper_(left|right)_finger_(joint|link)"
 )
 """Names of bodies and joints in a scene that are not those of an arm."""
 
@@ -106,7 +83,7 @@ def urdf_path(urdf: str) -> Path:
 
 def prefixed(name: str) -> str:
     """Return the name of a part of a URDF in the scene, where some names are taken."""
-    return f"urdf_{name}" if name in _TAKEN else name
+    return f"urdf_{name}" if _TAKEN.fullmatch(name) else name
 
 
 def read_urdf(path: str) -> Any:
@@ -146,30 +123,25 @@ def _completed(robot: RobotConfig) -> str:
     """Return the URDF of a robot on its stand, with gripper and finger pads."""
     path = urdf_path(robot.urdf)
     urdf, text = _read(str(path), path.read_bytes())  # which also checks it
-    tree = ET.fromstring(text)
-    moving = {*robot.arm, *robot.fingers}
-    for joint in tree.findall("joint"):
-        for mimic in joint.findall("mimic"):
-            joint.remove(mimic)
-        if joint.get("name") not in moving:
-            joint.set("type", "fixed")
-    for link in tree.findall("link"):
-        for kind in ("collision", "visual"):
-            for shape in link.findall(kind):
-                if kind == "collision" or shape.find("geometry/mesh") is not None:
-                    link.remove(shape)
+    tree, root = ET.fromstring(text), robot.base_link or urdf.base_link
+    for part in [*tree.findall("link"), *tree.findall("joint")]:
+        name = str(part.get("name"))
+        link = name if part.tag == "link" else urdf.joint_map[name].parent
+        if root not in lineage(urdf, link):
+            tree.remove(part)
+            continue
+        for unused in (*part.findall("mimic"), *part.findall("collision")):
+            part.remove(unused)
+        for shape in part.findall("visual"):
+            if shape.find("geometry/mesh") is not None:
+                part.remove(shape)
+            shape.attrib.pop("name", None)  # It may be that of another part.
+        if part.tag == "joint" and name not in {*robot.arm, *robot.fingers}:
+            part.set("type", "fixed")
     for other in tree.findall("mujoco"):
         tree.remove(other)
     options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
-    root = robot.base_link or urdf.base_link
-    kept = {link for link in urdf.link_map if root in lineage(urdf, link)}
-    for link in tree.findall("link"):
-        if link.get("name") not in kept:
-            tree.remove(link)
-    for joint in tree.findall("joint"):
-        if urdf.joint_map[joint.get("name")].parent not in kept:
-            tree.remove(joint)
     _mend_inertias(tree, urdf, robot, path.name)
     for quantity, limits in (("effort", robot.effort), ("velocity", robot.velocity)):
         for name, number in limits:
@@ -182,35 +154,26 @@ def _completed(robot: RobotConfig) -> str:
     if robot.flange:
         axes = grasp_axes(*robot.flange_axes)
         mounts.append(("gripper", robot.flange, "gripper_link", axes))
-    for part, parent, child, axes in mounts:
-        added = ET.parse(asset_path(f"{part}.urdf")).getroot()
-        names = {shape.get("name") for shape in added.iter("visual")}
-        for shape in tree.iter("visual"):
-            if shape.get("name") in names:
-                del shape.attrib["name"]
-        tree.extend(added)
+    for added, parent, child, axes in mounts:
+        tree.extend(ET.parse(asset_path(f"{added}.urdf")).getroot())
         # A fixed joint with a rotation.
         attributes = {"name": f"{child}_mount", "type": "fixed"}
         joint = ET.SubElement(tree, "joint", attributes)
         ET.SubElement(joint, "parent", {"link": parent})
         ET.SubElement(joint, "child", {"link": child})
         ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
-    links = {str(link.get("name")): link for link in tree.findall("link")}
-    moved = {
-        str(joint.get("name")): str(child.get("link"))
-        for joint in tree.findall("joint")
-        for child in joint.findall("child")
-    }
     for side, outwards, finger in zip(
         ("right", "left"), (1.0, -1.0), robot.fingers, strict=True
     ):
-        body = moved[finger]
+        moved = tree.find(f"joint[@name='{finger}']/child")
+        body = "" if moved is None else moved.attrib["link"]
         place, axes = np.array([outwards * _PAD[0] / 2, 0.0, PAD_BEHIND]), np.eye(3)
         if not robot.flange:
             closed = urdf.get_transform(robot.tool, body)
             axes = closed[:3, :3] @ robot.grasp_axes
             place = closed[:3, :3] @ robot.grasp_point + closed[:3, 3] + axes @ place
-        pad = ET.SubElement(links[body], "collision", {"name": f"{side}_finger_pad"})
+        (link,) = tree.findall(f"link[@name='{body}']")
+        pad = ET.SubElement(link, "collision", {"name": f"{side}_finger_pad"})
         ET.SubElement(pad, "origin", _origin(place, axes))
         size = " ".join(map(str, _PAD))
         ET.SubElement(ET.SubElement(pad, "geometry"), "box", {"size": size})
@@ -243,16 +206,15 @@ def _mend_inertias(tree: ET.Element, urdf: Any, robot: RobotConfig, file: str) -
             continue
         if inertial is not None:
             link.remove(inertial)
-        if name not in turned and not (mass or most):
-            continue
-        mended.append(name)
-        if turned[0] in lineage(urdf, name):
-            inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "mass", {"value": repr(max(mass, 1e-3))})
-            even = {"ixy": "0", "ixz": "0", "iyz": "0"}
-            for moment in ("ixx", "iyy", "izz"):
-                even[moment] = repr(max(float(np.trace(inertia)) / 3.0, 1e-6))
-            ET.SubElement(inertial, "inertia", even)
+        if name in turned or mass or most:
+            mended.append(name)
+            if turned[0] in lineage(urdf, name):
+                even = repr(max(float(np.trace(inertia)) / 3.0, 1e-6))
+                moments = {"ixy": "0", "ixz": "0", "iyz": "0"}
+                inertial = ET.SubElement(link, "inertial")
+                ET.SubElement(inertial, "mass", {"value": repr(max(mass, 1e-3))})
+                moments |= dict.fromkeys(("ixx", "iyy", "izz"), even)
+                ET.SubElement(inertial, "inertia", moments)
     if mended:
         warnings.warn(
             f"{file}: no body has the inertia of {', '.join(mended)}; it is left out "

@@ -216,7 +216,10 @@ def base_for(door: DoorConfig, robot: RobotConfig) -> Base:
     kind = {name: value for name, value in door.kind.items() if name != "motion"}
     if kind != furniture or not MOTIONS[door.motion].upright_hinge:
         return "mobile"
-    stance = robot.on("fixed").stance(door)
+    try:
+        stance = robot.on("fixed").stance(door)
+    except ValueError:  # of an arm too small to follow the opening
+        return "mobile"
     within = door.radius <= stance.radius and door.handle_height <= stance.height
     return "fixed" if within else "mobile"
 

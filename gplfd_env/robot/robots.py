@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from gplfd_env.robot.config import RobotConfig, tabulated_stances
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.robot.urdf import arm_of_urdf, robot_of_urdf
+from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
 
 RobotSpec = str | os.PathLike[str] | RobotConfig
@@ -27,7 +27,7 @@ _ARMS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
     "ur5e-like": {"path": "ur5e_like.urdf", "tool": "tool0"},
 }
-"""Arguments of `arm_of_urdf`."""
+"""Arguments of `robot_of_urdf`."""
 
 ROBOTS: Final = ("tiago-like", *_ARMS)
 """Names of the robots of this project."""
@@ -63,8 +63,8 @@ def _named(name: str) -> RobotConfig:
     if name == TIAGO_LIKE.name:
         return TIAGO_LIKE
     if name in _ARMS:
-        arm = arm_of_urdf(name=name, **_ARMS[name])
-        return replace(arm, stances=tabulated_stances(name))
+        arm = robot_of_urdf(name=name, **_ARMS[name])
+        return replace(arm, stances=tabulated_stances(name), search=None)
     raise ValueError(
         f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
         f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), tool and so on, "
@@ -86,5 +86,5 @@ def _of_file(name: str, content: tuple[bytes, ...]) -> RobotConfig:
         raise ValueError(
             f"{name} does not describe a robot: {error}; it must be an object with "
             "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
-            "fingers, grasp_point and home"
+            "fingers and grasp_point"
         ) from error

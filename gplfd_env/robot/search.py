@@ -1,10 +1,11 @@
 """Where an arm stands before a door, and the posture in which it holds the handle.
 
-One deterministic search: places of the closed handle, headings of door and hand, and
-postures to start from are spread evenly (Sobol); damped least squares within the joint
-limits bring the hand to the handle and along the whole motion; of those that follow it,
-the one is taken whose least product of distance from a limit and of manipulability is
-greatest. The kinematics are a product of exponentials, computed for all tries at once.
+Places of the closed handle, headings of door and hand, and postures are drawn evenly
+(Sobol), then in rounds ever closer around the best ones. Damped least squares within
+the joint limits bring the hand to the handle and along the whole motion. As in the
+simulation, joints of little inertia and damping turn most. The best try follows the
+whole motion, and its least product of distance from a limit and of manipulability is
+greatest. The kinematics are products of exponentials, computed for all tries at once.
 """
 
 import math
@@ -15,35 +16,47 @@ from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.robot.config import BASE_RADIUS, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
 
-_TRIES: Final = 12
-"""Logarithm to base 2 of the number of tries."""
+_TRIES: Final = 11
+"""Logarithm to base 2 of the number of tries in the first round."""
 
-_OPENED: Final = math.radians(72.0)
-"""How far the arm follows the handle of an opening door [rad]."""
+_SPREADS: Final = (*np.geomspace(0.2, 0.012, 9), 0.0)
+"""Spread of the tries of later rounds, as a share of the ranges."""
 
+
+_BEST: Final = 16
+_AROUND: Final = 16
+"""Best tries of a round, and tries of the next round around each of them."""
+
+_WELL: Final = 0.7
+"""Share of the greatest quality at which a search ends early."""
+
+_OPENED: Final = np.radians(np.linspace(0.0, 72.0, 16))
 _ENOUGH: Final = 14
-"""Number of its 16 moments that suffice if no arm follows all: up to 62°."""
+"""Angles of the opening door [rad]; how many suffice if no arm follows all (62°)."""
 
-_RADII: Final = (0.5, 0.65, 0.35)
-"""Distances from the hinge that a stance serves, the first one in any case [m]."""
+_RADII: Final = (0.65, 0.5, 0.35)
+"""Distances from the hinge that a stance may serve, the best one first [m]."""
 
 _HEIGHTS: Final = (0.85, 0.5, 1.22)
 """Height of the handle with a fixed base; least and greatest with a mobile one [m]."""
 
-_MARGIN: Final = 0.06
+_MARGIN: Final = 0.03
 """Least distance from a joint limit in the search [rad]."""
 
 _CLOSE: Final = 1e-3
 """Greatest error of a pose that counts as reached [m, rad]."""
+
+_LOAD: Final = 0.9
+"""Greatest torque of the weight, as a share of the joint's limit."""
 
 UPRIGHT: Final = 2.0
 """How far the task frame's y may be from upright in the base frame [°]."""
@@ -55,129 +68,102 @@ def tilt_of(rotvec: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))))
 
 
-class _Chain(NamedTuple):
+class _Arm(NamedTuple):
     """An arm with the lift at zero: screws of its joints in the zero posture."""
 
-    names: tuple[str, ...]
     axes: Array  # (n, 3)
     anchors: Array  # (n, 3) [m]
     place: Array  # Grasped point (3,) [m].
     frame: Array  # Axes of the grasp frame (3, 3).
     low: Array  # Limits (n,) [rad].
     high: Array
-    lift: tuple[float, float]  # Range of the lift [m].
+    mobility: Array  # Inverse of inertia and of damping within a second (n,).
+    masses: Array  # Of the links, each with what is fixed to it (n,) [kg].
+    moments: Array  # These times their centres (n, 3) [kg m].
+    efforts: Array  # Limits (n,) [N m].
+    lift: Array  # Range of the lift (2,) [m].
 
     @classmethod
-    def of(cls, robot: RobotConfig) -> "_Chain":
+    def of(cls, robot: RobotConfig) -> "_Arm":
         model = described_robot(robot).compile()
         data = mujoco.MjData(model)
         data.qpos[:] = 0.0
         mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
         joints = [model.joint(name).id for name in robot.arm]
-        axes = data.body(robot.tool).xmat.reshape(3, 3)
+        moved, axes = model.jnt_dofadr[joints], data.body(robot.tool).xmat.reshape(3, 3)
         low, high = model.jnt_range[joints].T
         # A joint without limits need not turn by more than half a turn.
         wide = (low < -math.pi) & (high > math.pi)
+        bodies = model.jnt_bodyid[joints]
+        beyond = model.body_subtreemass[bodies]
+        moments = beyond[:, None] * data.subtree_com[bodies]
+        inertia = model.dof_M0[moved] + robot.armature + model.dof_damping[moved]
         return cls(
-            robot.arm,
             data.xaxis[joints],
             data.xanchor[joints],
             data.body(robot.tool).xpos + axes @ robot.grasp_point,
             axes @ robot.grasp_axes,
             np.where(wide, -math.pi, low),
             np.where(wide, math.pi, high),
-            tuple(model.joint(robot.lift).range.tolist()),
+            1.0 / inertia,
+            -np.diff(beyond, append=0.0),
+            -np.diff(moments, axis=0, append=np.zeros((1, 3))),
+            model.jnt_actfrcrange[joints, 1],
+            model.joint(robot.lift).range,
         )
 
-    def hand(self, postures: Array) -> tuple[Array, Array, Array]:
-        """Return places (B, 3), frames (B, 3, 3), Jacobians (B, 6, n) of the hand."""
-        turn, shift = np.tile(np.eye(3), (len(postures), 1, 1)), 0.0
-        axes, anchors = [], []
-        for angles, axis, anchor in zip(
-            postures.T, self.axes, self.anchors, strict=True
-        ):
-            axes.append(turn @ axis)
-            anchors.append(turn @ anchor + shift)
-            turn = turn @ Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
-            shift = anchors[-1] - turn @ anchor
+    def hand(self, postures: Array) -> tuple[Array, Array, Array, Array]:
+        """Return places (B, 3), frames (B, 3, 3), Jacobians (B, 6, n), loads (B,).
+
+        A load is the greatest torque of the weight as a share of the joint's limit.
+        """
+        turn, shift = np.tile(np.eye(3), (len(postures), 1, 1)), np.zeros(3)
+        axes, anchors, moments = [], [], []
+        for joint, angles in enumerate(postures.T):
+            axes.append(turn @ self.axes[joint])
+            anchors.append(turn @ self.anchors[joint] + shift)
+            rotvecs = angles[:, None] * self.axes[joint]
+            turn = turn @ Rotation.from_rotvec(rotvecs).as_matrix()
+            shift = anchors[-1] - turn @ self.anchors[joint]
+            moments.append(turn @ self.moments[joint] + self.masses[joint] * shift)
         places = turn @ self.place + shift
         around, at = np.stack(axes, 1), np.stack(anchors, 1)
         columns = [np.cross(around, places[:, None] - at), around]
-        return places, turn @ self.frame, np.concatenate(columns, 2).swapaxes(1, 2)
+        beyond = np.cumsum(self.masses[::-1])[::-1, None]
+        levers = np.cumsum(np.stack(moments, 1)[:, ::-1], 1)[:, ::-1] - beyond * at
+        x, y, _ = np.moveaxis(GRAVITY * levers, 2, 0)
+        loads = np.abs(around[..., 1] * x - around[..., 0] * y) / self.efforts
+        jacobians = np.concatenate(columns, 2).swapaxes(1, 2)
+        return places, turn @ self.frame, jacobians, loads.max(1)
 
-    def reached(
+    def reach(
         self, postures: Array, places: Array, frames: Array, steps: int
     ) -> tuple[Array, Array, Array]:
-        """Bring hands to poses; return postures, errors (B, 6), manipulability (B,).
+        """Bring hands to poses; return postures, greatest errors, qualities (B,).
 
-        The last is the least singular value of the Jacobian, with a lever of 0.3 m
-        for rotations [m/rad].
+        A quality, from 0 to 1, is the product of three shares: of 0.5 rad, the distance
+        from the nearest joint limit; of 0.15 m/rad, the least singular value of the
+        Jacobian, with a lever of 0.3 m for rotations; of half the joints' efforts, what
+        the weight leaves. A load above `_LOAD` counts as an error.
         """
         low, high = self.low + _MARGIN, self.high - _MARGIN
         for step in range(steps + 1):
-            at, axes, jacobian = self.hand(postures)
+            at, axes, jacobian, loads = self.hand(postures)
             turns = Rotation.from_matrix(frames @ axes.swapaxes(1, 2)).as_rotvec()
             errors = np.concatenate([places - at, turns], 1)
             if step == steps or np.abs(errors).max() < _CLOSE / 10:
                 break
-            transposed = jacobian.swapaxes(1, 2)
-            damped = jacobian @ transposed + 1e-4 * np.eye(6)
+            pulled = self.mobility[:, None] * jacobian.swapaxes(1, 2)
+            damped = jacobian @ pulled + 1e-4 * self.mobility.mean() * np.eye(6)
             pull = np.linalg.solve(damped, np.clip(errors, -0.2, 0.2)[..., None])
-            postures = np.clip(postures + (transposed @ pull)[..., 0], low, high)
+            postures = np.clip(postures + (pulled @ pull)[..., 0], low, high)
         scaled = jacobian * np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
-        strength = np.linalg.svd(scaled, compute_uv=False)[:, -1]
-        return postures, errors, strength
-
-    def follow(
-        self,
-        tries: "_Tries",
-        path: Array,
-        what: Sequence[str],
-        enough: int = 99,
-    ) -> tuple[npt.NDArray[np.intp], Array]:
-        """Follow a path of the hand in the task frame, (T, 6) [m, rad].
-
-        Returns the indices of the tries that follow it, or at least `enough` poses of
-        it if none follows all, and their scores. Raises a
-        ValueError that says where and why all others fail if there is none.
-        """
-        rows, postures = np.arange(len(tries.yaws), dtype=np.intp), tries.postures
-        scores = np.full(len(rows), np.inf)
-        for number, (pose, moment) in enumerate(zip(path, what, strict=True)):
-            places, frames = tries.poses(pose)
-            if number == 0:
-                # The hands that are near after some steps can reach the handle.
-                postures, errors, _ = self.reached(postures, places, frames, 12)
-                rows = np.linalg.norm(errors, axis=1).argsort(kind="stable")[:1024]
-                postures, scores = postures[rows], scores[rows]
-            tried, errors, strength = self.reached(
-                postures, places[rows], frames[rows], 40 if number == 0 else 12
-            )
-            good = np.abs(errors).max(1) < _CLOSE
-            if not good.any() and number >= enough:
-                break
-            if not good.any():
-                row = int(np.linalg.norm(errors, axis=1).argmin())
-                away, turn = np.split(errors[row], 2)
-                raise ValueError(
-                    f"{self._hindrance(tried[row])} {moment}, where the hand stays "
-                    f"{away.round(2).tolist()} m of the base's axes and "
-                    f"{math.degrees(np.linalg.norm(turn)):.0f}° away"
-                )
-            margin = np.minimum(tried - self.low, self.high - tried).min(1)
-            score = np.minimum(margin, 0.5) * np.minimum(strength, 0.15)
-            rows, postures = rows[good], tried[good]
-            scores = np.minimum(scores, score)[good]
-            if number == 0:
-                tries.postures[rows] = postures
-        return rows, scores
-
-    def _hindrance(self, posture: Array) -> str:
-        ends = np.minimum(posture - self.low, self.high - posture) < 1.01 * _MARGIN
-        names = [name for name, end in zip(self.names, ends, strict=True) if end]
-        if not names:
-            return "the arm is too short"
-        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} at a limit"
+        strengths = np.linalg.svd(scaled, compute_uv=False)[:, -1]
+        ends = np.minimum(postures - self.low, self.high - postures).min(1)
+        shares = np.array([ends / 0.5, strengths / 0.15, (1.0 - loads) / 0.5])
+        missed = np.abs(errors).max(1) + np.maximum(loads - _LOAD, 0.0)
+        return postures, missed, shares.clip(0.0, 1.0).prod(0)
 
 
 class _Tries(NamedTuple):
@@ -189,13 +175,34 @@ class _Tries(NamedTuple):
     rolls: Array  # (B,) [rad]
     postures: Array  # (B, n) [rad]
 
+    @classmethod
+    def spread(cls, arm: _Arm, group: StanceGroup, points: Array) -> "_Tries":
+        """Return tries for points of the unit cube, (B, 6 + n)."""
+        (x, y, z), shares, (lowest, highest) = arm.anchors[0], points.T, arm.lift
+        links = np.diff([*arm.anchors, arm.place], axis=0)
+        reach = float(np.linalg.norm(links, axis=1).sum())
+        middle, least, most = _HEIGHTS
+        bounds = (middle - highest, middle - lowest)
+        if group.base == "mobile":
+            bounds = (most - highest, least - lowest)
+        low, high = max(z - 0.5 * reach, bounds[0]), min(z + 0.6 * reach, bounds[1])
+        bearing, away = 4.0 * shares[0] - 2.0, (0.2 + 0.7 * shares[1]) * reach
+        places = x + away * np.cos(bearing), y + away * np.sin(bearing)
+        bar, flipped = group.held == "bar", (shares[5] < 0.5) * math.pi
+        return cls(
+            handles=np.stack([*places, low + shares[2] * (high - low)], 1),
+            yaws=bearing + (2.0 * shares[3] - 1.0) * 1.3,
+            grasp_yaws=(2.0 * shares[4] - 1.0) * (1.2 if bar else 0.0),
+            rolls=flipped if bar else flipped - math.pi / 2,
+            postures=arm.low + shares[6:].T * (arm.high - arm.low),
+        )
+
     def poses(self, pose: Array) -> tuple[Array, Array]:
         """Return places (B, 3) and grasp frames (B, 3, 3) at a pose in the task frame.
 
         The frames are those of `gplfd_env.robot.placement`.
         """
-        zero, one = np.zeros_like(self.yaws), np.ones_like(self.yaws)
-        up = np.stack([zero, zero, one], 1)
+        zero, up = np.zeros_like(self.yaws), np.tile([0.0, 0.0, 1.0], (len(self[0]), 1))
         pull = -np.stack([np.cos(self.yaws), np.sin(self.yaws), zero], 1)
         task = np.stack([pull, up, np.cross(pull, up)], 2)
         heading = self.yaws + self.grasp_yaws
@@ -205,81 +212,110 @@ class _Tries(NamedTuple):
         turn = task @ Rotation.from_rotvec(pose[3:]).as_matrix() @ task.swapaxes(1, 2)
         return self.handles + task @ pose[:3], turn @ held
 
-    def stance(self, row: int, radius: float, height: float) -> Stance:
-        """Return a try as a stance."""
-        x, y, z = self.handles[row].tolist()
-        return Stance(
-            handle_xy_w=(x, y),
-            door_yaw=float(self.yaws[row]),
-            grasp_yaw=float(self.grasp_yaws[row]),
-            roll=float(self.rolls[row]),
-            below_handle=z,
-            closed_posture=tuple(self.postures[row].tolist()),
-            radius=radius,
-            height=height,
-        )
-
-
-def _spread(chain: _Chain, group: StanceGroup) -> _Tries:
-    """Return tries that are spread over the places that the arm may reach."""
-    points = qmc.Sobol(6 + len(chain.names), scramble=False).random_base2(_TRIES).T
-    x, y, z = chain.anchors[0]
-    links = np.diff([*chain.anchors, chain.place], axis=0)
-    reach = float(np.linalg.norm(links, axis=1).sum())
-    lowest, highest = chain.lift
-    middle, least, most = _HEIGHTS
-    bounds = (middle - highest, middle - lowest)
-    if group.base == "mobile":
-        bounds = (most - highest, least - lowest)
-    low, high = max(z - 0.5 * reach, bounds[0]), min(z + 0.6 * reach, bounds[1])
-    bearing = (2.0 * points[0] - 1.0) * 2.0
-    away = (0.2 + 0.7 * points[1]) * reach
-    handles = [
-        x + away * np.cos(bearing),
-        y + away * np.sin(bearing),
-        low + points[2] * (high - low),
-    ]
-    bar = group.held == "bar"
-    flipped = (points[5] < 0.5) * math.pi
-    return _Tries(
-        handles=np.stack(handles, 1),
-        yaws=bearing + (2.0 * points[3] - 1.0) * 1.3,
-        grasp_yaws=(2.0 * points[4] - 1.0) * (0.7 if bar else 0.0),
-        rolls=flipped if bar else flipped - math.pi / 2,
-        postures=chain.low + points[6:].T * (chain.high - chain.low),
-    )
-
-
-def _clear(tries: _Tries, group: StanceGroup, radius: float) -> Mask:
-    """Return whether the base is clear of the closed door and of the opening leaf."""
-    cosine, sine = np.cos(tries.yaws), np.sin(tries.yaws)
-    x, y = tries.handles[:, :2].T
-    # The base in the task frame: in front of the door, and to the left.
-    ahead, left = cosine * x + sine * y, sine * x - cosine * y
-    clear: Mask = ahead > BASE_RADIUS
-    if group.swing == "pull":
+    def clear(self, group: StanceGroup, radius: float) -> Mask:
+        """Return whether the base is clear of the closed door and the opening leaf."""
+        cosine, sine = np.cos(self.yaws), np.sin(self.yaws)
+        x, y = self.handles[:, :2].T
+        # The base in the task frame: in front of the door, and away from the hinge.
+        ahead, left = cosine * x + sine * y, sine * x - cosine * y
+        clear: Mask = ahead > BASE_RADIUS
         away = left + radius if group.hinge_side == "right" else radius - left
-        for angle in np.linspace(0.0, _OPENED, 10):
+        for angle in _OPENED if group.swing == "pull" else ():
             along = ahead * math.sin(angle) + away * math.cos(angle)
             along = np.clip(along, 0.0, radius + 0.07)
-            from_leaf = np.hypot(
-                ahead - along * math.sin(angle), away - along * math.cos(angle)
+            x, y = ahead - along * math.sin(angle), away - along * math.cos(angle)
+            clear &= np.hypot(x, y) > BASE_RADIUS
+        return clear
+
+    def follow(self, arm: _Arm, path: Array) -> tuple[Array, Array, Array]:
+        """Let the hands follow a path in the task frame, (T, 6) [m, rad].
+
+        Returns scores (B,), first and last postures (B, n) [rad]. A score is the number
+        of poses that are reached; its fraction is the least quality, or the nearness
+        to the first pose that is missed.
+        """
+        rows, postures = np.arange(len(self.yaws)), self.postures.copy()
+        scores, fractions, first = np.zeros(len(rows)), np.ones(len(rows)), postures
+        for number, pose in enumerate(path):
+            places, frames = self.poses(pose)
+            postures[rows], errors, qualities = arm.reach(
+                postures[rows], places[rows], frames[rows], 8 if number else 30
             )
-            clear &= from_leaf > BASE_RADIUS
-    return clear
+            missed = errors >= _CLOSE
+            nearness = 1.0 - np.minimum(errors, 1.0)
+            least = np.minimum(fractions[rows], qualities)
+            fractions[rows] = np.where(missed, nearness, least)
+            rows = rows[~missed]
+            scores[rows] += 1.0
+            first = postures.copy() if number == 0 else first
+            if not len(rows):
+                break
+        return scores + 0.99 * fractions, first, postures
 
 
-def _opening(group: StanceGroup, radius: float) -> tuple[Array, list[str]]:
-    """Return the path of the hand as a door opens, and names of its moments."""
-    side = -1.0 if group.hinge_side == "left" else 1.0
-    way = 1.0 if group.swing == "pull" else -1.0
-    angles = np.linspace(0.0, _OPENED, 16)
-    path = np.zeros((len(angles), 6))
-    path[:, 0] = way * radius * np.sin(angles)
-    path[:, 2] = -side * radius * (1.0 - np.cos(angles))
-    path[:, 4] = side * way * angles
-    names = [f"at {a:.0f}° of a door of {radius:g} m" for a in np.degrees(angles)]
-    return path, ["at the closed handle", *names[1:]]
+def _search(
+    robot: RobotConfig,
+    group: StanceGroup,
+    path: Array,
+    moments: Sequence[str],
+    *,
+    enough: int,
+    radius: float = 0.0,
+    place: Array | None = None,
+    yaw: float = 0.0,
+) -> tuple[_Tries, Array]:
+    """Return the best tries that follow a path of the hand, and their scores.
+
+    With a `radius` [m] the base is clear of the leaf; with a `place` (3,) [m] the
+    handle is there, with the heading `yaw` [rad] into the door. If none reaches
+    `enough` poses, raises a ValueError that says where and why the best one ends.
+    """
+    arm, rng = _Arm.of(robot), np.random.default_rng(0)
+    points = qmc.Sobol(6 + len(arm.axes), scramble=False).random_base2(_TRIES)
+    for spread in _SPREADS:
+        tries = _Tries.spread(arm, group, points)
+        if place is not None:
+            tries = tries._replace(
+                handles=np.tile(place, (len(points), 1)), yaws=np.full(len(points), yaw)
+            )
+        if radius:
+            kept = tries.clear(group, radius)
+            points, tries = points[kept], _Tries(*(values[kept] for values in tries))
+        scores, first, last = tries.follow(arm, path)
+        best = scores.argsort(kind="stable")[::-1][:_BEST]
+        if not spread or scores[best[0]] > len(path) + _WELL:
+            break
+        # The next round starts from the postures that were reached.
+        points[:, 6:] = (first - arm.low) / (arm.high - arm.low)
+        around = points[best].repeat(_AROUND, axis=0)
+        around += spread * rng.standard_normal(around.shape)
+        points = np.clip(np.vstack([points[best], around]), 0.0, 1.0)
+    number, end = int(scores[best[0]]), last[best[0]]
+    if number < enough:
+        margins = np.minimum(end - arm.low, arm.high - end)
+        ends = [robot.arm[joint] for joint in np.flatnonzero(margins < 1.01 * _MARGIN)]
+        cause = f"{' and '.join(ends)} at a limit" if ends else "the arm too short"
+        away = tries.poses(path[number])[0][best[0]] - arm.hand(end[None])[0][0]
+        raise ValueError(
+            f"{moments[number]} {cause}, where the hand stays "
+            f"{away.round(2).tolist()} m of the base's axes away"
+        )
+    tries = tries._replace(postures=first)
+    return _Tries(*(values[best] for values in tries)), scores[best]
+
+
+def _stance(tries: _Tries, best: int, radius: float, height: float) -> Stance:
+    x, y, z = tries.handles[best].tolist()
+    return Stance(
+        handle_xy_w=(x, y),
+        door_yaw=float(tries.yaws[best]),
+        grasp_yaw=float(tries.grasp_yaws[best]),
+        roll=float(tries.rolls[best]),
+        below_handle=z,
+        closed_posture=tuple(tries.postures[best].tolist()),
+        radius=radius,
+        height=height,
+    )
 
 
 def at_frame(
@@ -287,21 +323,12 @@ def at_frame(
 ) -> RobotConfig:
     """Return a robot with a fixed base, placed so that the task frame has a pose.
 
-    The posture and the yaw of the hand on the handle are searched. On a stand the base
-    frame is that of the arm's root link, and the lift is computed; otherwise it is the
-    frame of the robot's root.
-
-    Args:
-        robot: The robot.
-        door: The closed door; for a robot without a stand, its handle is as high as the
-            task frame.
-        task: Pose of the task frame in the base frame, (6,) [m, rad].
-        path: Poses of the hand in the task frame that must be reached, (T, 6) [m, rad].
-        times: Times of the poses, (T,) [s], for messages.
-
-    Raises:
-        ValueError: y of the task frame is not upright, or the lift or the arm does not
-            reach.
+    The pose (6,) [m, rad] is in the frame of the arm's root link on its stand, whose
+    lift is computed, or of the root of a robot without a stand; the handle of `door` is
+    then as high as the task frame. The hand must reach the `path` (T, 6) [m, rad] in
+    the task frame; posture and yaw of the hand are searched. Messages contain the
+    `times` (T,) [s]. Raises a ValueError if y of the task frame is not upright, or the
+    lift or the arm does not reach.
     """
     place, axes = np.array(task[:3]), Rotation.from_rotvec(task[3:]).as_matrix()
     if not (np.isfinite(place).all() and tilt_of(task[3:]) <= UPRIGHT):
@@ -310,75 +337,69 @@ def at_frame(
             f"{UPRIGHT:.0f}°; it points to {axes[:, 1].tolist()}"
         )
     robot = robot.on("fixed")
-    group, chain = StanceGroup.of(door, "fixed"), _Chain.of(robot)
-    lowest, highest = chain.lift
-    if robot.stand:
-        lift = door.handle_height - place[2]
-        if not lowest <= lift <= highest:
-            raise ValueError(
-                f"the task frame is {place[2]:.2f} m above the base and the handle "
-                f"{door.handle_height:g} m above the floor, but the stand lifts the "
-                f"base from {lowest:g} to {highest:g} m; give a door with another "
-                "handle_height"
-            )
-    else:
+    group, (lowest, highest) = StanceGroup.of(door, "fixed"), _Arm.of(robot).lift
+    if not robot.stand:
         usual = robot.stance(door).below_handle
         place[2] -= min(max(place[2] - usual, lowest), highest)
-    tries = _spread(chain, group)
-    tries = tries._replace(
-        handles=np.tile(place, (len(tries.yaws), 1)),
-        yaws=np.full_like(tries.yaws, math.atan2(-axes[1, 0], -axes[0, 0])),
+    elif not lowest <= door.handle_height - place[2] <= highest:
+        raise ValueError(
+            f"the task frame is {place[2]:.2f} m above the base and the handle "
+            f"{door.handle_height:g} m above the floor, but the stand lifts the base "
+            f"from {lowest:g} to {highest:g} m; give a door with another handle_height"
+        )
+    yaw, moments = (
+        math.atan2(-axes[1, 0], -axes[0, 0]),
+        [f"at {t:.2f} s" for t in times],
     )
     try:
-        moments = [f"at {time:.2f} s" for time in times]
-        rows, scores = chain.follow(tries, path, moments)
+        tries, _ = _search(
+            robot, group, path, moments, enough=len(path), place=place, yaw=yaw
+        )
     except ValueError as error:
         raise ValueError(
             f"the arm of {robot.name} does not reach the path with the handle at "
-            f"{np.round(task[:3], 3).tolist()} m in the base frame: {error}; move the "
-            "base by that, and give the pose of the task frame from there"
+            f"{np.round(task[:3], 3).tolist()} m in the base frame: {error}; move "
+            "the base by that, and give the pose of the task frame from there"
         ) from None
-    stance = tries.stance(int(rows[scores.argmax()]), math.inf, math.inf)
+    stance = _stance(tries, 0, math.inf, math.inf)
     return replace(robot, stances=((group, stance),))
 
 
 @lru_cache(maxsize=64)
-def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance:
-    """Return the best stance of a robot for a group of doors.
+def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
+    """Return the best stance of a robot for a group of doors, or why there is none.
 
     With a fixed base the arm follows the whole opening; with a mobile one, which
-    follows the hand, it turns the hand by 30° to both sides. Raises a ValueError if
-    there is no such stance.
+    follows the hand, it turns the hand by 30° to both sides.
     """
-    chain = _Chain.of(robot)
-    tries = _spread(chain, group)
-    top = _HEIGHTS[2]
-    try:
-        if group.base == "mobile":
-            turned = np.zeros((7, 6))
-            turned[:, 4] = [0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5]
-            rows, scores = chain.follow(tries, turned, ["at the handle"] * 7)
-            return tries.stance(int(rows[scores.argmax()]), 1.05, top)
-        first, *others = _RADII
-        kept = np.flatnonzero(_clear(tries, group, max(_RADII)))
-        tries = _Tries(*(values[kept] for values in tries))
-        rows, scores = chain.follow(tries, *_opening(group, first), _ENOUGH)
-    except ValueError as error:
-        raise ValueError(
-            f"no stance was found in which the arm of {robot.name} opens a door with "
-            f"handle={group.held!r}, swing={group.swing!r}, "
-            f"hinge_side={group.hinge_side!r} on a {group.base} base: {error}; in a "
-            ".json give home, joint positions that hold the handle, or another tool"
-        ) from None
-    radius = first
-    for other in others:
-        few = _Tries(*(values[rows] for values in tries))
+    if group.base == "mobile":
+        turned = np.zeros((7, 6))
+        turned[:, 4] = [0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5]
         try:
-            also, more = chain.follow(few, *_opening(group, other), _ENOUGH)
-        except ValueError:
+            tries, _ = _search(robot, group, turned, ["at the handle"] * 7, enough=7)
+        except ValueError as error:
+            return str(error)
+        return _stance(tries, 0, 1.05, _HEIGHTS[2])
+    side = -1.0 if group.hinge_side == "left" else 1.0
+    way = 1.0 if group.swing == "pull" else -1.0
+    opening = np.zeros((len(_RADII), len(_OPENED), 6))
+    opening[..., 0] = way * np.outer(_RADII, np.sin(_OPENED))
+    opening[..., 2] = -side * np.outer(_RADII, 1.0 - np.cos(_OPENED))
+    opening[..., 4] = side * way * _OPENED
+    for number, radius in enumerate(_RADII):
+        moments = [
+            f"at {a:.0f}° of a door of {radius:g} m" for a in np.degrees(_OPENED)
+        ]
+        try:
+            tries, scores = _search(
+                robot, group, opening[number], moments, enough=_ENOUGH, radius=radius
+            )
+        except ValueError as error:
+            reason = str(error)
             continue
-        rows, scores = rows[also], np.minimum(scores[also], more)
-        radius = max(radius, other)
-    best = int(rows[scores.argmax()])
-    height = min(top, float(tries.handles[best, 2]) + chain.lift[1])
-    return tries.stance(best, radius, height)
+        for nearer in opening[number + 1 :]:
+            scores = scores + tries.follow(_Arm.of(robot), nearer)[0]
+        best = int(scores.argmax())
+        height = float(tries.handles[best, 2] + _Arm.of(robot).lift[1])
+        return _stance(tries, best, radius, min(_HEIGHTS[2], height))
+    return reason

@@ -7,23 +7,16 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from types import MappingProxyType
+from collections.abc import Mapping
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.robot.config import (
     BASE_RADIUS,
-    EVERY_GROUP,
     Capsule,
     RobotConfig,
-    Stance,
-    StanceGroup,
     Vector,
     grasp_axes,
 )
@@ -34,7 +27,6 @@ from gplfd_env.robot.description import (
     read_urdf,
     urdf_path,
 )
-from gplfd_env.robot.placement import arm_addresses
 from gplfd_env.robot.search import searched_stance
 
 _GRIPPER_REACH: Final = 0.16
@@ -45,81 +37,8 @@ _LINK_RADIUS: Final = 0.055
 _ARMATURE: Final = 0.1
 """Rotor inertia of every joint, reflected to the joint [kg m²]."""
 
-_TILT: Final = math.radians(30.0)
-"""How far the approach at the home posture may be from level [rad]."""
-
 
 def robot_of_urdf(
-    path: str | os.PathLike[str],
-    home: Sequence[float] | None = None,
-    **description: Any,
-) -> RobotConfig:
-    """Make a robot from the URDF of an arm.
-
-    Args:
-        path: The URDF of an arm.
-        home: Joint positions of the arm that hold an upright bar with a level approach
-            [rad]: the robot is placed so that they hold the closed handle. A lever is
-            held with the last joint turned by 90°, away from its limits. By default
-            place and posture are searched for each group of doors
-            (`gplfd_env.robot.search`).
-        description: Further arguments of `arm_of_urdf`.
-
-    Raises:
-        ValueError: The file is not a URDF, or names or numbers do not fit it.
-    """
-    robot = arm_of_urdf(path, **description)
-    try:
-        model = described_robot(robot).compile()
-    except ValueError as error:
-        raise ValueError(f"{robot.urdf}: MuJoCo cannot simulate it: {error}") from error
-    if home is None:
-        return replace(robot, search=searched_stance)
-    data, arm, tool = mujoco.MjData(model), arm_addresses(model, robot), robot.tool
-    low, high = np.array([model.joint(name).range for name in robot.arm]).T
-    posture = np.array(home, dtype=np.float64)
-    if posture.shape != low.shape or not np.all((low <= posture) & (posture <= high)):
-        raise ValueError(
-            f"home must be {len(low)} joint positions [rad] within the limits of "
-            f"{', '.join(robot.arm)}; got {home!r}"
-        )
-    turned = posture.copy()
-    turned[-1] += math.copysign(math.pi / 2, (low[-1] + high[-1]) / 2 - turned[-1])
-    stances: dict[StanceGroup, Stance] = {}
-    for bar, closed in ((True, posture), (False, turned)):
-        data.qpos[arm] = closed
-        mujoco.mj_kinematics(model, data)
-        axes = data.body(tool).xmat.reshape(3, 3)
-        place = data.body(tool).xpos + axes @ robot.grasp_point
-        frame = axes @ robot.grasp_axes
-        ahead, up = -frame[:, 2], np.array([0.0, 0.0, 1.0])
-        if bar and abs(ahead[2]) > math.sin(_TILT):
-            raise ValueError(
-                "home must hold a bar with the approach level; it points "
-                f"{math.degrees(math.asin(ahead[2])):.0f}° upwards"
-            )
-        if bar:
-            approach = ahead
-        elif ahead @ approach < math.cos(_TILT):
-            continue  # The last joint does not roll the hand: only bars.
-        # Quarters by which the fingers are rolled from closing across an upright bar.
-        roll = math.atan2(-frame[:, 0] @ up, frame[:, 0] @ np.cross(ahead, up))
-        stance = Stance(
-            handle_xy_w=(float(place[0]), float(place[1])),
-            door_yaw=math.atan2(ahead[1], ahead[0]),
-            below_handle=float(place[2]),
-            closed_posture=tuple(closed.tolist()),
-            roll=round(roll / (math.pi / 2)) * (math.pi / 2),
-            radius=1.05,
-            height=1.22,
-        )
-        stances |= {
-            group: stance for group in EVERY_GROUP if (group.held == "bar") == bar
-        }
-    return replace(robot, stances=tuple(stances.items()))
-
-
-def arm_of_urdf(
     path: str | os.PathLike[str],
     *,
     name: str = "",
@@ -129,10 +48,12 @@ def arm_of_urdf(
     approach: Vector | None = None,
     closing: Vector | None = None,
     fingers: tuple[str, str] | None = None,
-    effort: float | Mapping[str, float] = MappingProxyType({}),
-    velocity: float | Mapping[str, float] = MappingProxyType({}),
+    effort: float | Mapping[str, float] | None = None,
+    velocity: float | Mapping[str, float] | None = None,
 ) -> RobotConfig:
-    """Read the URDF of an arm for a stand or a mobile base; it has no stances yet.
+    """Make a robot from the URDF of an arm, on a stand and with a gripper if needed.
+
+    Place and posture are searched for each group of doors (`gplfd_env.robot.search`).
 
     Args:
         path: The URDF. Its joints between root and tool are the arm's, its other
@@ -147,12 +68,14 @@ def arm_of_urdf(
             z with fingers, otherwise the axis of the tool that leads away from the
             last joint.
         closing: Direction in which the first finger opens, frame of the tool; by
-            default the direction of its joint, or the tool's x axis for the generic
-            gripper.
+            default the direction of its joint, or the tool's x axis.
         fingers: Two prismatic joints, zero when closed; None for an arm without a
             gripper, which gets the generic one.
         effort: Limit of every joint, or of some by name, for a URDF without [N m].
         velocity: The same of the speed [rad/s].
+
+    Raises:
+        ValueError: The file is not a URDF, or names or numbers do not fit it.
     """
     path = urdf_path(os.fspath(path))
     urdf, tool = read_urdf(str(path)), prefixed(tool)
@@ -174,37 +97,31 @@ def arm_of_urdf(
                 f"{path.name}: give grasp_point, where the finger tips meet in the "
                 f"frame of {tool} [m]"
             )
-    arm, tool = _arm_of(urdf, path, tool)
+    arm, tool = _arm_of(urdf, path.name, tool)
     if approach is None:
         approach = (0.0, 0.0, 1.0) if fingers else _outwards(urdf, arm, tool)
     approach = _unit("approach", approach)
     across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
     closing = _unit("closing", across if closing is None else closing)
-    limits = _limits(urdf, path, arm, {"effort": effort, "velocity": velocity})
     if abs(np.dot(approach, closing)) > 1e-6:
         raise ValueError(
             f"approach {approach} and closing {closing} must be perpendicular"
         )
-    parts: dict[str, Any] = {
+    hand: dict[str, Any] = {
         "tool": "gripper_link",
-        "sensor": "gripper_link",
         "flange": tool,
         "flange_axes": (approach, closing),
         "grasp_point": (0.0, 0.0, -_GRIPPER_REACH),
         "approach": (0.0, 0.0, -1.0),
-        "hand_camera": _camera(np.eye(3), np.array([0.0, 0.0, -_GRIPPER_REACH])),
     }
     if fingers is not None:
-        point = np.array(grasp_point)
-        parts = {
+        hand = {
             "tool": tool,
-            "sensor": tool,
             "fingers": fingers,
             "finger_stroke": min(0.045, *(float(j.limit.upper) for j in joints)),
-            "grasp_point": tuple(point.tolist()),
+            "grasp_point": tuple(np.array(grasp_point, dtype=float).tolist()),
             "approach": approach,
             "closing": closing,
-            "hand_camera": _camera(grasp_axes(approach, closing), point),
         }
     capsules = [
         Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
@@ -215,7 +132,12 @@ def arm_of_urdf(
         if math.hypot(x, y, z) > _LINK_RADIUS:
             ends = (0.0, 0.0, 0.0, x, y, z)
             capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
-    return RobotConfig(
+    # The camera is beside the palm and looks at the finger tips.
+    axes = grasp_axes(approach, closing) if fingers else np.eye(3)
+    place = np.array(hand["grasp_point"]) + axes @ [0.0, -0.12, 0.175]
+    views: list[Array] = [place, -axes[:, 0], axes @ [0.0, -0.83, -0.56]]
+    camera: Any = tuple(tuple(vector.tolist()) for vector in views)
+    robot = RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
         content=path.read_bytes(),
@@ -225,11 +147,18 @@ def arm_of_urdf(
         armature=(_ARMATURE,) * len(arm),
         forearm=arm[len(arm) // 2][1],
         capsules=tuple(capsules),
-        stances=(),
-        effort=limits["effort"],
-        velocity=limits["velocity"],
-        **parts,
+        sensor=hand["tool"],
+        hand_camera=camera,
+        effort=_limits(urdf, path.name, arm, "effort", "N m", effort),
+        velocity=_limits(urdf, path.name, arm, "velocity", "rad/s", velocity),
+        search=searched_stance,
+        **hand,
     )
+    try:
+        described_robot(robot).compile()
+    except ValueError as error:
+        raise ValueError(f"{path}: MuJoCo cannot simulate it: {error}") from error
+    return robot
 
 
 def _unit(what: str, vector: Any) -> Vector:
@@ -255,7 +184,7 @@ _RIGHT: Final = re.compile("(?i:right)|(?<![A-Za-z])[rR](?![a-z])")
 _SIDE: Final = re.compile("(?i:left|right)|(?<![A-Za-z])[lrLR](?![a-z])")
 
 
-def _arm_of(urdf: Any, path: Path, tool: str) -> tuple[list[tuple[str, str]], str]:
+def _arm_of(urdf: Any, file: str, tool: str) -> tuple[list[tuple[str, str]], str]:
     """Return the turning joints up to a tool, with their links, and the tool.
 
     If no tool is given, it is the link before the gripper of the chain with most
@@ -269,7 +198,7 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> tuple[list[tuple[str, str]], st
     mimicked = {joint.mimic.joint for joint in joints if joint.mimic is not None}
     if tool and tool not in urdf.link_map:
         raise ValueError(
-            f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
+            f"{file} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
             "give one of them as tool"
         )
 
@@ -311,13 +240,13 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> tuple[list[tuple[str, str]], st
     ends = list(longest.values())
     if most < 6:
         raise ValueError(
-            f"{path.name}: {most} turning joints lead to {ends[-1]!r}; a hand at a "
+            f"{file}: {most} turning joints lead to {ends[-1]!r}; a hand at a "
             "door needs six or more: give tool, the link of the hand"
         )
     if len({_SIDE.sub("*", key[-1][0]) for key in longest}) > 1 or len(ends) > 2:
         raise ValueError(
-            f"{path.name}: {', '.join(ends)} are ends of equally long chains; give one "
-            f'as tool, in a .json: {{"path": "{path.name}", "tool": "{ends[-1]}"}}'
+            f"{file}: {', '.join(ends)} are ends of equally long chains; give one "
+            f'as tool, in a .json: {{"path": "{file}", "tool": "{ends[-1]}"}}'
         )
     # Of two arms the right one.
     right = max(longest, key=lambda key: bool(_RIGHT.search(key[-1][0])))
@@ -333,11 +262,10 @@ def _outwards(urdf: Any, arm: list[tuple[str, str]], tool: str) -> Vector:
         along = axis @ urdf.get_transform(before, link)[:3, 3]
         away = axis * -np.sign(along) if abs(along) > 1e-3 else pose[:3, 2]
     away = pose[:3, :3].T @ away
-    direction = [0.0, 0.0, 0.0]
+    direction = np.zeros(3)
     most = int(np.abs(away).argmax())
     direction[most] = math.copysign(1.0, away[most])
-    x, y, z = direction
-    return x, y, z
+    return _unit("approach", direction)
 
 
 def _base_of(urdf: Any, first: str) -> str:
@@ -351,8 +279,6 @@ def _base_of(urdf: Any, first: str) -> str:
     return base if moves or far else ""
 
 
-_UNITS: Final = {"effort": "N m", "velocity": "rad/s"}
-
 _MOST_TURNED: Final = 4 * math.pi
 """Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
 turn; larger values are nearly always degrees."""
@@ -360,54 +286,36 @@ turn; larger values are nearly always degrees."""
 
 def _limits(
     urdf: Any,
-    path: Path,
+    file: str,
     arm: list[tuple[str, str]],
-    limits: Mapping[str, float | Mapping[str, float]],
-) -> dict[str, tuple[tuple[str, float], ...]]:
+    what: str,
+    unit: str,
+    limits: float | Mapping[str, float] | None,
+) -> tuple[tuple[str, float], ...]:
     """Return limits that replace those of a URDF; refuse a joint of the arm without."""
-    joints = [urdf.joint_map[name] for name, _ in arm]
-    for joint in joints:
-        limit = joint.limit
-        low, high = (limit and limit.lower) or 0.0, (limit and limit.upper) or 0.0
+    joints = {name: urdf.joint_map[name] for name, _ in arm}
+    if isinstance(limits, Mapping | None):
+        replaced = {prefixed(name): float(n) for name, n in (limits or {}).items()}
+    else:
+        replaced = dict.fromkeys(joints, float(limits))
+    if unknown := replaced.keys() - joints:
+        raise ValueError(f"{what} names {min(unknown)}, no joint of the arm")
+    stated = {name: getattr(joint.limit, what, 0) for name, joint in joints.items()}
+    without = [n for n, limit in (stated | replaced).items() if not (limit or 0) > 0]
+    if without:
+        raise ValueError(
+            f"{file}: 0 or nothing would mean no limit; write in <limit>, or give the "
+            f"{what} of {', '.join(without)} (in a .json: "
+            f'"{what}": {{"{without[0]}": ...}}, or one number for all, {unit})'
+        )
+    for name, joint in joints.items():
+        low, high = (getattr(joint.limit, end, 0) or 0.0 for end in ("lower", "upper"))
         turns = joint.type == "revolute"
         if turns and (not low < high or max(-low, high) > _MOST_TURNED):
             raise ValueError(
-                f"{path}: the revolute joint {joint.name} has the limits {low:g} to "
+                f"{file}: the revolute joint {name} has the limits {low:g} to "
                 f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
                 "from lower to upper and within two turns, or "
                 'type="continuous" if it has none'
             )
-    replaced, missing = {}, []
-    for what, values in limits.items():
-        if isinstance(values, Mapping):
-            replaced[what] = {prefixed(name): float(n) for name, n in values.items()}
-        else:
-            replaced[what] = {joint.name: float(values) for joint in joints}
-        without = [
-            joint.name
-            for joint in joints
-            if not replaced[what].get(joint.name, getattr(joint.limit, what, 0) or 0)
-            > 0
-        ]
-        if without:
-            missing.append(
-                f"{what} of {', '.join(without)} (in a .json: "
-                f'"{what}": {{"{without[0]}": ...}}, or one number for all, '
-                f"{_UNITS[what]})"
-            )
-        if unknown := replaced[what].keys() - {joint.name for joint in joints}:
-            raise ValueError(f"{what} names {min(unknown)}, no joint of the arm")
-    if missing:
-        raise ValueError(
-            f"{path.name}: 0 or nothing would mean no limit; write in <limit>, or give "
-            f"the {' and the '.join(missing)}"
-        )
-    return {what: tuple(values.items()) for what, values in replaced.items()}
-
-
-def _camera(axes: Array, point: Array) -> tuple[Vector, Vector, Vector]:
-    """Return a camera beside the palm that looks at the finger tips."""
-    place = point + axes @ [0.0, -0.12, 0.175]
-    vectors = (place, -axes[:, 0], axes @ [0.0, -0.83, -0.56])
-    position, right, up = (tuple(vector.tolist()) for vector in vectors)
-    return position, right, up
+    return tuple(replaced.items())

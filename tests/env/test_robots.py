@@ -7,7 +7,6 @@ import math
 import zipfile
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -23,13 +22,10 @@ from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.urdf import chosen, robot_of_urdf
-from gplfd_env.scene.build import build_scene
 
 ARMS = ("panda-like", "ur5e-like")
 UR5E = asset_path("ur5e_like.urdf")
 PANDA = asset_path("panda_like.urdf")
-HOME = (3.129, -2.422, -1.007, 0.287, 1.296, 0.0)
-"""Of the UR5e: holds a bar with a level approach [rad]."""
 HAND = {
     "tool": "panda_hand",
     "grasp_point": (0.0, 0.0, 0.1034),
@@ -101,29 +97,6 @@ def test_the_hand_holds_the_handle_at_rest_and_weighs_nothing(robot):
     assert_allclose(axes, gripper_rotation_w(DOORS["medium"], config), atol=1e-4)
 
 
-def test_home_decides_how_the_robot_stands():
-    home = (0.3, -0.5, 0.0, -2.2, 0.0, 3.2, 0.785)
-    robot = robot_of_urdf(PANDA, home, **HAND)
-    model = mujoco.MjModel.from_xml_path(str(PANDA))
-    data = mujoco.MjData(model)
-    data.qpos[:7] = home
-    mujoco.mj_kinematics(model, data)
-    axes = data.body("panda_hand").xmat.reshape(3, 3)
-    point = data.body("panda_hand").xpos + axes @ HAND["grasp_point"]
-    stance = robot.stance(DoorConfig())
-    assert_allclose([*stance.handle_xy_w, stance.below_handle], point, atol=1e-9)
-    heading = axes[:, 2]
-    assert stance.door_yaw == pytest.approx(math.atan2(heading[1], heading[0]))
-    # A lever is held with the last joint turned by a quarter, which turns the fingers.
-    turned = robot.stance(DoorConfig(handle="lever", latch="spring"))
-    assert abs(turned.closed_posture[-1] - home[-1]) == pytest.approx(math.pi / 2)
-    assert abs(turned.roll - stance.roll) % math.pi == pytest.approx(math.pi / 2)
-    model = build_scene(DOORS["room-834"], robot=robot.on("mobile"))
-    held = [model.key_qpos[0, model.joint(name).qposadr[0]] for name in robot.arm]
-    # The arm needs no other turn of the hand than this.
-    assert_allclose(held, turned.closed_posture, atol=0.5)
-
-
 @pytest.mark.parametrize("roll", [0.0, math.pi / 2, -math.pi / 2, math.pi])
 def test_a_roll_turns_the_fingers_about_the_approach(roll):
     stance = TIAGO_LIKE.stance(DoorConfig())
@@ -150,7 +123,7 @@ def test_meshes_are_drawn_and_missing_ones_are_told_once(tmp_path, caplog):
     mesh = '<geometry><mesh filename="part.stl" scale="2 2 2"/></geometry>'
     path = described(tmp_path, text.replace(geometry, mesh, 1))
     trimesh.creation.box([0.1, 0.2, 0.3]).export(tmp_path / "part.stl")
-    model = described_robot(robot_of_urdf(path, HOME)).compile()
+    model = described_robot(robot_of_urdf(path)).compile()
     assert model.nmesh == 1
     assert_allclose(np.ptp(model.mesh_vert, axis=0).sum(), 1.2, rtol=1e-6)
     (tmp_path / "other").mkdir()
@@ -159,7 +132,7 @@ def test_meshes_are_drawn_and_missing_ones_are_told_once(tmp_path, caplog):
     text = text.replace(geometry, f"{mesh}</visual><visual>{another}", 1)
     other = described(tmp_path / "other", text)
     with pytest.warns(UserWarning, match=r"drawn without no\.stl: .*; likewise 1 more"):
-        robot_of_urdf(other, HOME)
+        robot_of_urdf(other)
     assert not caplog.records
 
 
@@ -167,8 +140,7 @@ def test_a_file_describes_a_robot(tmp_path):
     text = PANDA.read_text().replace('"panda_link0"', '"world"')
     described(tmp_path, text)
     file = tmp_path / "robot.json"
-    home = (0.3, -0.5, 0.0, -2.2, 0.0, 3.2, 0.785)
-    described_arm = {"path": "arm.urdf", "home": home, "base": "mobile", **HAND}
+    described_arm = {"path": "arm.urdf", "base": "mobile", **HAND}
     file.write_text(json.dumps(described_arm))
     robot = robot_named(str(file))
     assert (robot.base, robot.tool) == ("mobile", "panda_hand")
@@ -194,13 +166,11 @@ def test_a_file_describes_a_robot(tmp_path):
         (PANDA, HAND | {"closing": (0, 1, 1)}, "must be perpendicular"),
         (UR5E, {"tool": "hand"}, "has no link 'hand'; it has base_link"),
         (UR5E, {"tool": "forearm_link"}, "3 turning joints lead to 'forearm_link'"),
-        (UR5E, {"home": [0, 0, 4.0, 0, 0, 0]}, "6 joint positions .* within the lim"),
-        (UR5E, {"home": [0.0, -1.0, 0.5, -1.0, 1.57, 0]}, "approach level; it points"),
     ],
 )
 def test_what_does_not_fit_a_urdf_is_told(path, arguments, message):
     with pytest.raises(ValueError, match=message):
-        robot_of_urdf(path, **{"home": HOME} | arguments)
+        robot_of_urdf(path, **arguments)
 
 
 LIMIT = '<limit lower="-6.28318530718" upper="6.28318530718"'
@@ -220,7 +190,7 @@ def test_a_mistake_in_a_urdf_is_told(tmp_path, old, new, message):
     text = UR5E.read_text()
     assert old in text
     with pytest.raises(ValueError, match=message):
-        robot_of_urdf(described(tmp_path, text.replace(old, new)), HOME)
+        robot_of_urdf(described(tmp_path, text.replace(old, new)))
 
 
 LINK = (
@@ -284,11 +254,11 @@ def test_the_arm_is_what_lies_before_its_gripper(tmp_path, added, tool, warning)
 def test_limits_of_a_json_replace_those_of_the_urdf(tmp_path):
     described(tmp_path, UR5E.read_text().replace('effort="150"', 'effort="0"'))
     file = tmp_path / "arm.json"
-    home = {"path": "arm.urdf", "home": HOME}
-    file.write_text(json.dumps(home | {"effort": 40.0}))
-    model = build_scene(DOORS["medium"], robot=robot_named(file))
+    arm = {"path": "arm.urdf"}
+    file.write_text(json.dumps(arm | {"effort": 40.0}))
+    model = described_robot(robot_named(file)).compile()
     assert model.jnt_actfrcrange[model.joint("wrist_3_joint").id, 1] == 40.0
-    file.write_text(json.dumps(home | {"effort": {"elbow": 40.0}}))
+    file.write_text(json.dumps(arm | {"effort": {"elbow": 40.0}}))
     with pytest.raises(ValueError, match="elbow, no joint of the arm"):
         robot_named(file)
 
@@ -296,14 +266,14 @@ def test_limits_of_a_json_replace_those_of_the_urdf(tmp_path):
 def test_a_changed_file_is_another_robot(tmp_path):
     path = described(tmp_path, UR5E.read_text())
     file = tmp_path / "arm.json"
-    file.write_text(json.dumps({"path": "arm.urdf", "home": HOME}))
-    before = build_scene(DOORS["medium"], robot=robot_named(file))
+    file.write_text(json.dumps({"path": "arm.urdf"}))
+    before = described_robot(robot_named(file))
     path.write_text(UR5E.read_text().replace("wrist_3_joint", "roll"))
     after = robot_named(file)
     assert after.arm[-1] == "roll"
-    assert build_scene(DOORS["medium"], robot=after).joint("roll").id > 0
-    assert before.joint("wrist_3_joint").id > 0
-    file.write_text(json.dumps({"path": "arm.urdf", "home": HOME, "base": "mobile"}))
+    assert described_robot(after).joint("roll") is not None
+    assert before.joint("wrist_3_joint") is not None
+    file.write_text(json.dumps({"path": "arm.urdf", "base": "mobile"}))
     assert robot_named(file).base == "mobile"
 
 
