@@ -20,9 +20,9 @@ from gplfd_env.validation.fields import (
 from gplfd_env.validation.named import changed_fields, preset, record_of, with_fields
 
 Handle = Literal["bar", "lever", "knob", "paddle", "touch-bar", "handleset"]
-"""What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
-that turns about an axis normal to the leaf, or a part that turns about a horizontal
-axis in the leaf (`gplfd_env.doors.geometry`)."""
+"""What the hand holds: a vertical bar, a horizontal lever or a round knob on an axis
+normal to the leaf, or a part on a horizontal axis in it
+(`gplfd_env.doors.geometry`)."""
 
 Latch = Literal["none", "spring"]
 """Whether a sprung bolt holds the closed door until the handle is turned."""
@@ -77,8 +77,8 @@ BAR_RADIUS: Final = 0.011
 KNOB_RADIUS: Final = 0.026
 """Radius of the knob [m]."""
 
+# Tolerance between width - backset and radius of a leaf [m].
 _DISAGREEMENT: Final = 0.02
-"""Tolerance between width - backset and radius of a leaf [m]."""
 
 
 def held_radius(handle: Handle) -> float:
@@ -104,7 +104,7 @@ TURNING: Final[Mapping[str, Turning]] = MappingProxyType(
         "handleset": Turning(0.5, 1.2, 0.35, 0.05),
     }
 )
-"""Levers and knobs: the middle of the ranges of `standard_door`. For the others see
+"""Levers and knobs: the middle of the ranges of `standard_door`; others:
 assets/README.md."""
 
 
@@ -116,24 +116,21 @@ class DoorConfig:
     """A door, by default hinged.
 
     The hinge axis lies in the handle's plane, so the handle moves on a circle of
-    ``radius`` about it and first moves straight out of the frame, or into it.
-    If the leaf does not turn about a hinge, torques stand for forces that do the same
-    work per rad of `door_angle` (`gplfd_env.doors.motion`).
-    A part may be given as a mapping of its record's fields, such as
-    ``closer={"preload": 5.0}``. `gplfd_env.doors.hardware` computes parts from the
-    standards.
+    ``radius`` about it and first moves straight out of the frame, or into it. If the
+    leaf does not turn about a hinge, torques stand for forces that do the same work per
+    rad of `door_angle` (`gplfd_env.doors.motion`). A part may be given as a mapping of
+    its record's fields, such as ``closer={"preload": 5.0}``; `gplfd_env.doors.hardware`
+    computes parts from the standards.
 
-    Raises:
-        ValueError: A field is unknown, not finite or outside its range, or fields
-            disagree.
-        TypeError: A field is not a number, or a part neither its record nor a mapping.
+    Raises a ValueError if a field is unknown or outside its range, or fields disagree,
+    a TypeError if a value is of a wrong kind.
     """
 
     radius: float = quantity(
         0.50, unit="m", low=0.30, high=1.05, reason="radii that the robot can open"
     )
-    """Distance from hinge axis to handle axis. For a sliding or folding leaf, the
-    distance from the handle to the jamb to which the leaf moves."""
+    """Distance from hinge axis to handle axis; of a sliding or folding leaf, from the
+    handle to the jamb to which it moves."""
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
     """Coulomb friction of the hinge."""
     hinge_damping: float = quantity(0.5, unit="N m s/rad", low=0.0, high=50.0)
@@ -276,10 +273,7 @@ class DoorConfig:
 
     @property
     def kind(self) -> dict[str, str]:
-        """Kind of door: the fields that decide which motion opens it.
-
-        Without `motion` if it is hinged.
-        """
+        """The fields that decide which motion opens it; no `motion` if it is hinged."""
         kind = {name: getattr(self, name) for name in _CHOICES}
         return {n: value for n, value in kind.items() if value != "hinged"}
 
@@ -318,10 +312,7 @@ class DoorConfig:
 
     @property
     def closing_spring(self) -> tuple[float, float]:
-        """Closing torque [N m] and stiffness [N m/rad] of closer and strut.
-
-        Without the parts that fade near the closed door.
-        """
+        """Lasting closing torque [N m] and stiffness [N m/rad] of closer and strut."""
         strut, dead = self.mechanism.strut_stiffness, self.mechanism.strut_dead_angle
         return self.closer.preload + strut * dead, self.closer.stiffness - strut
 
@@ -334,7 +325,6 @@ class DoorConfig:
 _PARTS: Final[Mapping[str, type[Leaf | Lockset | Closer | Mechanism]]] = {
     "leaf": Leaf, "lockset": Lockset, "closer": Closer, "mechanism": Mechanism,
 }  # fmt: skip
-
 _CHOICES: Final = {
     "handle": Handle, "latch": Latch, "swing": Swing, "hinge_side": HingeSide,
     "motion": Motion,
@@ -393,13 +383,11 @@ DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 
 
 def door_config(door: DoorSpec) -> DoorConfig:
-    """Resolve a door's name, radius, mapping or configuration.
+    """Return the door of a preset's name, a radius [m], a mapping or a record.
 
-    A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of `DoorConfig`
-    fields with an optional ``"preset"`` to start from (``{"preset": "medium",
-    "closer": {"preload": 5.0}}``), or a `DoorConfig`. Raises a ValueError for an
-    unknown preset or field, or a value outside its range, a TypeError for anything
-    else.
+    A mapping of fields starts from its ``"preset"`` (``{"preset": "medium", "closer":
+    {"preload": 5.0}}``). Raises a ValueError for an unknown preset or field, or a value
+    outside its range, a TypeError for anything else.
     """
     if isinstance(door, numbers.Real) and not isinstance(door, bool):
         return DoorConfig(radius=door)  # type: ignore[arg-type]

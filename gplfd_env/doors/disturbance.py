@@ -1,8 +1,7 @@
 """External disturbances of robot and door during an episode.
 
-A disturbance is given like a door: by a preset's name, a mapping, or a record. Every
-number in it may also be a pair ``(low, high)``, from which each reset draws it. It
-begins as soon as its start time has passed and the door is open by its start angle.
+Every number may also be a pair ``(low, high)``, from which each reset draws it. A
+disturbance begins once its start time has passed and the door is open by its angle.
 """
 
 from __future__ import annotations
@@ -83,9 +82,8 @@ class Person:
     """A person holds the robot's hand or the door, or blocks its way with a hand.
 
     A mass, the person's hand, touches hand or door through the contact stiffness of
-    ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm). A softer spring-damper, the
-    arm, ties it to the place where it took hold. It moves along the handle's circle
-    only.
+    ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm). A softer spring-damper, the arm,
+    ties it to where it took hold. It moves along the handle's circle only.
     """
 
     on: Held = "hand"
@@ -122,17 +120,16 @@ class Stop(Quantities):
     angle: Number = _number(0.0, unit="rad", low=0.0, high=math.radians(95.0))
     """Greatest opening angle while the stop acts; 0 is a locked door."""
     duration: Number = _number(1000.0, **_DURATIONS)
-    """Time from the door's first contact with the stop (within half a degree) until it
-    is free."""
+    """From the door's first contact (within half a degree) until it is free."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bump(Quantities):
     """The robot's base is moved, and its task frame with it; the robot does not know.
 
-    Commanded poses are displaced relative to the door, and the observed position and
-    velocity of the hand are wrong by the same displacement. The arm's change of posture
-    and the inertia of the push are not modelled.
+    Commanded poses are displaced relative to the door, and the observed pose and twist
+    of the hand are wrong by it. Inertia and the arm's change of posture are not
+    modelled.
     """
 
     forward: Number = _number(0.0, unit="m", low=-0.05, high=0.05)
@@ -152,11 +149,9 @@ class Breakaway(Quantities):
     """A hinge that sticks before it first moves, and a seal near the frame."""
 
     stiction: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
-    """Friction of the hinge in addition to the door's own, until the door has moved by
-    half a degree."""
+    """Additional friction of the hinge until the door has moved by half a degree."""
     seal: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
-    """Closing torque of the seal at the closed door; it falls linearly to zero at
-    `seal_angle`."""
+    """Closing torque of the seal at the closed door; zero at `seal_angle`."""
     seal_angle: Number = _number(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
@@ -167,13 +162,8 @@ class Breakaway(Quantities):
 class Disturbance:
     """External events of an episode; None means no event of this kind.
 
-    A field may be given as a mapping of its record's fields.
-
-    Raises:
-        ValueError: A field's mapping has an unknown key, a number that is not finite or
-            not allowed, or an unknown choice.
-        TypeError: A field is neither its record, a mapping, nor None, or a value is
-            neither a number nor a pair of numbers.
+    A field may be given as a mapping of its record's fields. Raises a ValueError for an
+    unknown key or a value not allowed, a TypeError for a value of a wrong kind.
     """
 
     push: Push | None = None
@@ -202,8 +192,8 @@ class Disturbance:
     def drawn(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode, each pair replaced by a draw from it.
 
-        One uniform number is drawn for every number of each record, also for fixed
-        ones, so that disturbances that differ in one range share all other values.
+        One uniform number is drawn for every number, so that disturbances that differ
+        in one range share all other values.
         """
         causes = {name: getattr(self, name) for name in CAUSES}
         drawn = {n: draw_ranges(cause, rng) for n, cause in causes.items() if cause}
@@ -225,11 +215,10 @@ DisturbanceSpec = str | Mapping[str, Any] | Disturbance
 
 
 def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
-    """Resolve a disturbance's name, mapping or record.
+    """Return the disturbance of a preset's name, a mapping of fields, or a record.
 
-    A preset's name (``"person"``), a mapping of `Disturbance` fields with an optional
-    ``"preset"`` to start from, also within its records (``{"preset": "push", "push":
-    {"duration": 0.5}}``), or a `Disturbance`. Raises a ValueError for an unknown preset
-    or field, or a value not allowed, a TypeError for anything else.
+    A mapping starts from its ``"preset"``, also within its records (``{"preset":
+    "push", "push": {"duration": 0.5}}``). Raises a ValueError for an unknown preset or
+    field, or a value not allowed, a TypeError for anything else.
     """
     return preset(spec, DISTURBANCES, "none", "disturbance")

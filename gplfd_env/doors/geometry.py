@@ -1,12 +1,10 @@
 """Position of hinge and handle axis, and the poses of a hand that holds the handle.
 
-A *paddle* is a plate on a horizontal pin. It is pushed on one side of a door and pulled
-on the other; the robot holds its edge, a horizontal rod. The *touch bar* of an exit
-device is pushed towards the leaf. A real pad moves on a straight line; here it moves on
-an arc of the same depth. A *handleset* is a fixed grip with a thumb piece above. A
-gripper with two fingers cannot press the thumb piece while it holds the grip: it takes
-the thumb piece itself between its fingers, presses it down and pulls or pushes the door
-by it.
+A *paddle* is a plate on a horizontal pin: the robot holds its edge, a horizontal rod.
+The *touch bar* of an exit device is pushed towards the leaf; a real pad moves on a
+straight line, here on an arc of the same depth. A *handleset* is a fixed grip with a
+thumb piece above. Two fingers cannot press the thumb piece while they hold the grip:
+they take the thumb piece itself, press it down and pull or push the door by it.
 """
 
 from __future__ import annotations
@@ -27,54 +25,46 @@ ROCKERS: Final = ("paddle", "touch-bar", "handleset")
 """Handles with a horizontal axis in the leaf, `DoorConfig.handle_arm` from the hand."""
 
 _TURN: Final = 0.5
+# Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
+# from any side, and for a flap.
 _LEVEL_TURN: Final = 0.25
-"""Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
-from any side, and for a flap."""
-
+# The hinge axis counts as level if its upward component is below this.
 _LEVEL: Final = 0.5
-"""The hinge axis counts as level if its upward component is below this."""
-
-_SMALL: Final = 1e-6
-"""Step angle for numerical differentiation of paths [rad]."""
-
+_SMALL: Final = 1e-6  # Step angle for numerical differentiation of paths [rad].
 _ANGLES: Final = np.radians(np.linspace(-5.0, 100.0, 1051))
-
 _NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
+# An axis counts as across the pull if the cosine of their angle is below this.
 _ACROSS: Final = 0.5
-"""An axis counts as across the pull if the cosine of their angle is below this."""
-
+# A handle counts as a knob if it is nearer than this to its axis [m].
 _ROUND: Final = 0.03
-"""A handle counts as a knob if it is nearer than this to its axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DoorGeometry:
     """A hinge axis in the task frame, whose origin is the hand at the closed door.
 
-    Raises:
-        ValueError: A vector is not of three finite numbers, the axis has no direction,
-            or it passes through the handle.
+    Raises a ValueError if a vector is not of three finite numbers, the axis has no
+    direction, or it passes through the handle.
     """
 
     hinge: Array
-    """The point of the hinge axis nearest to the origin [m], (3,); given as any point
-    of the axis."""
+    """The point of the axis nearest to the origin [m], (3,); given as any of its
+    points."""
     axis: Array
-    """Direction of the hinge axis, (3,), a unit vector; given with any length. A
-    positive turn about it opens the door."""
+    """Direction of the axis, (3,), given with any length; a positive turn opens the
+    door."""
     spindle: Array | None = None
-    """A point of the axis about which the handle turns in the leaf [m], (3,), while the
-    door is closed; None if the handle does not turn."""
+    """A point of the closed handle's axis [m], (3,); None if the handle does not
+    turn."""
     turn: Array | None = None
-    """Direction of that axis, (3,), a unit vector; given with any length. A positive
-    turn about it retracts the bolt."""
+    """Direction of that axis, (3,), given with any length; a positive turn retracts the
+    bolt."""
     travel: float = 0.0
     """How far the handle can be turned [rad]; 0 if it does not turn."""
     links: tuple[Link, ...] = ()
-    """Joints between frame and leaf, in the task frame; empty if the leaf only turns
-    about the hinge that `hinge`, `axis` and `radius` describe. With links, these three
-    describe the upright axis at the jamb to which the leaf moves."""
+    """Joints between frame and leaf, task frame; empty if the leaf only turns about
+    this hinge. With links, `hinge`, `axis` and `radius` describe the upright axis at
+    the jamb to which the leaf moves."""
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
     pull: Array = field(init=False)
@@ -119,10 +109,8 @@ class DoorGeometry:
     ) -> DoorGeometry:
         """Return the geometry of a door, by default without placement or grasp error.
 
-        Args:
-            door: The door.
-            position: Grasped point in the door frame, (3,) [m].
-            rotation: Axes of the task frame in the door frame, (3, 3).
+        The grasped point is at a position (3,) [m] in the door frame, in which the task
+        frame has the axes `rotation` (3, 3).
         """
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
         side, turns = door.hinge_sign, door.handle != "bar"
@@ -157,22 +145,13 @@ class DoorGeometry:
         return replace(self, hinge=self.hinge - origin, spindle=spindle, links=links)
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
-        """Return the poses of a hand that holds the handle rigidly.
+        """Return the poses (..., 6) [m, rad] of a hand that holds the handle rigidly.
 
-        The hand is at exp(φ a) (p - h) + h, rotated by φ a, for the hinge h, its axis a
-        and the position p of the hand at the closed door. While the handle is not
-        turned, p is the origin. When it is turned, p is s - exp(θ t) s, rotated by θ t,
-        for the spindle s and its axis t.
-
-        Args:
-            angle: Opening angles φ [rad], (...).
-            turn: Angles θ of the handle [rad], broadcast against `angle`.
-
-        Returns:
-            (..., 6) position [m] and rotation vector [rad], task frame.
-
-        Raises:
-            ValueError: `turn` is not 0, but the handle does not turn.
+        At an opening angle φ [rad] the hand is at exp(φ a) (p - h) + h, rotated by φ a,
+        for the hinge h, its axis a and the position p of the hand at the closed door.
+        While the handle is not turned, p is the origin. When it is turned by θ [rad], p
+        is s - exp(θ t) s, rotated by θ t, for the spindle s and its axis t. Angles
+        broadcast. Raises a ValueError if `turn` is not 0, but the handle does not turn.
         """
         angles = np.asarray(angle, dtype=np.float64)[..., None]
         turns = np.asarray(turn, dtype=np.float64)[..., None]
@@ -201,9 +180,9 @@ class DoorGeometry:
 
         Bars and knobs, and handles that turn about an axis across the pull, can be held
         from any side. When the hand pushes them, it turns by half as much as the leaf,
-        so that the arm goes through the frame and not into the jamb beside the lock. It
-        also turns by half on a folding leaf, and by a quarter on the level bar of a
-        flap. All other handles are held rigidly, as in `hand_poses`.
+        so that the arm goes through the frame and not into the jamb. It also turns by
+        half on a folding leaf, and by a quarter on the level bar of a flap. All other
+        handles are held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         spindle = self.spindle
@@ -234,8 +213,8 @@ class DoorGeometry:
     def angle(self, position: ArrayLike) -> Array:
         """Return the opening angles [rad], (...), at hand positions, (..., 3).
 
-        If the leaf does not turn about a hinge, they are the angles of the nearest
-        points of a path sampled at 0.1°, exact to 0.05°.
+        For a leaf without a hinge, those of the nearest points of a path, exact to
+        0.05°.
         """
         if self.links:
             path = self.hand_poses(_ANGLES)[:, :3]
@@ -246,11 +225,11 @@ class DoorGeometry:
 
 
 def handle_axis(door: DoorConfig) -> tuple[Array, Array]:
-    """Return the axis about which a handle turns while the door is closed.
+    """Return point [m] and direction, (3,) each, of a closed handle's axis, door frame.
 
-    A point of the axis relative to the grasped point [m], (3,), and its direction,
-    (3,), both in the door frame. A positive turn retracts the bolt: it presses a lever
-    or a thumb piece down, and moves a paddle or a touch bar the way the door opens.
+    The point is relative to the grasped point. A positive turn retracts the bolt: it
+    presses a lever or a thumb piece down, and moves a paddle or a touch bar the way the
+    door opens.
     """
     if door.handle == "handleset":
         # When pulled, it is level at its stop; when pushed, it is level at rest. Thus

@@ -32,9 +32,9 @@ EN_1154: Final = {
 }
 """Rows by power size."""
 
+# Angle at which a closer's additional moment near the frame reaches zero [rad]; own
+# assumption.
 _FADED: Final = math.radians(30.0)
-"""Angle at which a closer's additional moment near the frame reaches zero [rad]; own
-assumption."""
 
 LEAF_HEIGHT: Final = 1.972
 """Height of a leaf by DIN 18101 [m]."""
@@ -52,32 +52,25 @@ CLEAR_WAY: Final = 0.85
 """Share of its clear way that a leaf without a hinge has moved at `SUCCESS_ANGLE`."""
 
 _ROLLER_DAMPING: Final = 8.0
+# Damping of a moving leaf, and the additional soft-close damping [N s/m]; own
+# assumptions.
 _SOFT_CLOSE_DAMPING: Final = 60.0
-"""Damping of a moving leaf, and the additional soft-close damping [N s/m]; own
-assumptions."""
 _SOFT_CLOSE_WAY: Final = 0.1
-
 _PIN_RADIUS: Final = 4.8e-3
 _THRUST_RADIUS: Final = 7.5e-3
+# Distance between the outer hinges of a leaf [m]; own assumption.
 _HINGE_SPAN: Final = 1.5
-"""Distance between the outer hinges of a leaf [m]; own assumption."""
 
 
 def en1154(size: int, efficiency: float | None = None) -> Closer:
-    """Return a hydraulic closer.
+    """Return a hydraulic closer of a power size, 1 to 4.
 
-    The closing moment M near the frame is the middle of the standard's range. With
-    the efficiency η the opening moment there is M / η, so the spring gives their mean
-    and friction half their difference. Beyond 30° the closing moment is half of M; at
-    90° this exceeds the least allowed.
-
-    Args:
-        size: Power size, 1 to 4.
-        efficiency: Closing over opening moment; by default halfway between the least
-            allowed and 1.
-
-    Raises:
-        ValueError: An unknown size, or an efficiency that the standard does not allow.
+    The closing moment M near the frame is the middle of the standard's range. With the
+    efficiency η, by default halfway between the least allowed and 1, the opening moment
+    there is M / η: the spring gives their mean and friction half their difference.
+    Beyond 30° the closing moment is half of M; at 90° this exceeds the least allowed.
+    Raises a ValueError for an unknown size or an efficiency that the standard does not
+    allow.
     """
     check_choice("EN 1154 size", size, EN_1154)
     row = EN_1154[size]

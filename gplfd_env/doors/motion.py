@@ -1,10 +1,9 @@
 """How a leaf moves and what closes it, as functions of one coordinate.
 
-Every door has one degree of freedom, `door_angle` φ. It is the opening angle of a leaf
-that turns about a hinge. Any other leaf has moved by 85 % of its clear way at φ = 60°,
-which is as much as a person needs. The scene and every forward kinematics use the
-joints of `links_of`; `gplfd_env.scene.closer` models the torque of `CloserLaw` with
-MuJoCo's elements.
+Every door has one degree of freedom, `door_angle` φ: the opening angle of a leaf that
+turns about a hinge. Any other leaf has moved by 85 % of its clear way at φ = 60°, as
+much as a person needs. The scene and every forward kinematics use the joints of
+`links_of`; `gplfd_env.scene.closer` models the torque of `CloserLaw`.
 
 | motion | handle's path from its closed position, hinge on the right |
 |---|---|
@@ -45,28 +44,22 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 
 Triple = tuple[float, float, float]
 
-_ALONG_AT_SUCCESS: Final = 0.8656293468
-"""Root u of 2u² - u³ = 0.85."""
-
+_ALONG_AT_SUCCESS: Final = 0.8656293468  # Root u of 2u² - u³ = 0.85.
 _FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE
-_FLAT: Final = math.radians(88.0)
-"""Angle of the folded leaves at their stop [rad]."""
+_FLAT: Final = math.radians(88.0)  # Angle of the folded leaves at their stop [rad].
 
 # Fixed pivots at (-13, -8.5) and (-48, -5.5) mm, moving ones at (-22.5, 34.5) and
 # (-1, 16) mm, outwards and towards the lock from the corner of cabinet and leaf. The
 # displacement of that corner, as polynomials of the leaf's angle, exact to 0.01 mm.
 _FOUR_BAR_OUT: Final = (-8.7057e-3, -5.2375e-3, 4.7331e-3, -6.743e-4)
 _FOUR_BAR_ALONG: Final = (-1.68670e-2, 1.08996e-2, -1.907e-4, -6.774e-4)
-
-_DEGREE: Final = 4
-"""Degree of the polynomials in `LeafPath.tangent`."""
+_DEGREE: Final = 4  # Degree of the polynomials in `LeafPath.tangent`.
 
 
 STICTION_ANGLE: Final = math.radians(0.5)
 """Angle at which the stiction has faded [rad]."""
 
-_SPEED: Final = 1e-3
-"""Speed below which a door counts as at rest [rad/s]."""
+_SPEED: Final = 1e-3  # Speed below which a door counts as at rest [rad/s].
 
 
 class Link(NamedTuple):
@@ -134,8 +127,7 @@ def end_angle(door: DoorConfig) -> float:
 def roller_way(door: DoorConfig, angles: Array) -> Array:
     """Return how far the rollers of folding leaves move per φ, at angles φ [m/rad].
 
-    The guided edge is (R + a) cos ψ away from the jamb, so the rollers do not move at
-    first.
+    The guided edge is (R + a) cos ψ away from the jamb: they do not move at first.
     """
     leaves = door.radius + door.leaf.backset
     return np.asarray(leaves * _FOLD_GAIN * np.sin(_FOLD_GAIN * angles))
@@ -254,10 +246,10 @@ def has_tendons(door: DoorConfig) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CloserLaw:
-    """The closing torque of a door's closer, seal and stiction.
+    """The closing torque of a door's closer, seal and stiction; friction if it moves.
 
-    Friction acts while the door moves. Fields are those of a `DoorConfig`, or arrays
-    (n,) for n doors; `fading` is the result of `fading_torques`.
+    Fields are those of a `DoorConfig`, or arrays (n,) for n doors; `fading` is the
+    result of `fading_torques`.
     """
 
     preload: Number

@@ -27,17 +27,14 @@ class Lockset(Quantities):
     handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
     """Lever: distance from the axis about which it turns to its end."""
     handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=5.0)
-    """Torque of the return spring at rest; None: 0.5 for a lever, 0.175 for a knob
-    (fingers can hold a third of what a lever needs), others as in
-    `gplfd_env.doors.config.TURNING`."""
+    """Torque of the return spring at rest; None, here and below: as in
+    `gplfd_env.doors.config.TURNING`. Fingers can hold a third of what a lever needs."""
     handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=15.0)
-    """Stiffness of the return spring; None: as in `TURNING`."""
+    """Stiffness of the return spring."""
     handle_travel: float | None = quantity(None, unit="rad", low=0.25, high=1.2)
-    """Angle at which the handle meets its stop; None: 0.8 for a lever or knob,
-    others as in `TURNING`."""
+    """Angle at which the handle meets its stop."""
     handle_arm: float | None = quantity(None, unit="m", low=0.04, high=0.15)
-    """Paddle, touch bar, handleset: distance from its axis to the point where it is
-    held; None: as in `TURNING`."""
+    """Paddle, touch bar, handleset: distance from its axis to where it is held."""
     dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
     """Angle at which the handle begins to retract the bolt."""
     bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)

@@ -1,8 +1,8 @@
 """Ranges from which every episode draws its door and circumstances.
 
-All draws come from the environment's own generator, one uniform number per parameter,
-also for parameters that are not varied. Two randomisations that differ in one range
-therefore draw the same values for all others.
+All draws come from the environment's generator, one uniform number per parameter, also
+for those that are not varied: randomisations that differ in one range draw the same
+values for all others.
 """
 
 import dataclasses
@@ -35,8 +35,8 @@ Doors = Literal["given", "standard"]
 """The door to which the ranges apply: the given one, or one drawn by the standards."""
 
 
+# Key of a field's metadata: the ranges of both numbers of a pair.
 _LIMITS: Final = "limits"
-"""Key of a field's metadata: the ranges of both numbers of a pair."""
 
 
 def _half_width(name: str) -> Any:
@@ -68,12 +68,8 @@ class DoorRandomization:
 
     A pair ``(low, high)`` is a uniform range that replaces the door's own value; None
     leaves it unchanged. Errors of base and grasp are drawn within plus or minus the
-    given number.
-
-    Raises:
-        ValueError: A range is reversed, not finite, or beyond what the door, the
-            placement or the sensors allow.
-        TypeError: A field is not a number, or not of numbers.
+    given number. Raises a ValueError if a range is reversed or beyond what the door,
+    the placement or the sensors allow, a TypeError if a field is not of numbers.
     """
 
     radius: Pair | None = _range(DoorConfig, "radius")
@@ -104,16 +100,14 @@ class DoorRandomization:
     """Standard deviation of the observed force [N] and torque [N m]."""
     perception: Pair = _stds(Perception, "position", "rotation")
     """Standard deviations of the error of the believed grasp: position [m] and rotation
-    vector [rad], per axis, Gaussian, truncated at three standard deviations. Only with
-    ``start="approach"``."""
+    vector [rad], per axis, truncated at three. Only with ``start="approach"``."""
     shortest_delay: int = _delay()
-    """Commands take effect after this many control periods or more, at most
-    `longest_delay`."""
+    """Commands take effect after this many control periods or more ..."""
     longest_delay: int = _delay()
-    """Commands take effect after `shortest_delay` to this many control periods."""
+    """... at most after this many."""
     doors: Doors = "given"
-    """``"given"``: the door of the environment, changed by the ranges above;
-    ``"standard"``: a door drawn by `standard_door` instead."""
+    """``"given"``: the environment's door, changed by the ranges above; ``"standard"``:
+    a door drawn by `standard_door` instead."""
 
     def __post_init__(self) -> None:
         check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
@@ -159,11 +153,7 @@ class DoorRandomization:
         return door.replaced(ends)
 
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
-        """Draw one episode.
-
-        The number of draws is always the same, plus one if doors are drawn by the
-        standards.
-        """
+        """Draw one episode; the number of draws depends only on `doors`."""
         ranges = {
             field.name: getattr(self, field.name)
             for field in dataclasses.fields(self)
@@ -208,12 +198,10 @@ RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 
 
 def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
-    """Resolve a randomisation's name, mapping or record.
+    """Return the randomisation of a preset's name, a mapping of fields, or a record.
 
-    A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with an
-    optional ``"preset"`` to start from, or a `DoorRandomization`. Raises a ValueError
-    for an unknown preset or field, or an impossible range, a TypeError for anything
-    else.
+    A mapping starts from its ``"preset"``. Raises a ValueError for an unknown preset or
+    field, or an impossible range, a TypeError for anything else.
     """
     return preset(spec, RANDOMIZATIONS, "none", "randomization")
 
@@ -236,8 +224,7 @@ _HANDLES: Final = {"lever": 0.4, "knob": 0.375, "bar": 0.225}
 _CONSTRUCTIONS: Final = ("honeycomb", "tubular-strips", "tubular-core", "chipboard")
 _BEARINGS: Final = {"ball": 0.5, "plain": 0.4, "worn": 0.1}
 _CLOSERS: Final = {"none": 0.6, "spring hinge": 0.1, "EN 1154": 0.3}
-_LARGEST: Final = 2
-"""Greatest power size of a closer that is drawn."""
+_LARGEST: Final = 2  # Greatest power size of a closer that is drawn.
 
 
 def standard_door(rng: np.random.Generator) -> DoorConfig:

@@ -16,11 +16,11 @@ from gplfd_env.validation.fields import Quantities, allowed_range, quantity
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Placement(Quantities):
-    """Placement error of the robot and of its grasp.
+    """Placement error of the robot and of its grasp, which the robot does not know.
 
-    The robot does not know this error. The task frame's origin is the pose of the hand
-    at the grasp, and its x axis is the direction that the robot believes the door to
-    face. A heading error therefore turns the door's true arc in the task frame.
+    The task frame's origin is the pose of the hand at the grasp, and its x axis is the
+    direction that the robot believes the door to face. A heading error therefore turns
+    the door's true arc in the task frame.
     """
 
     base_x: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
@@ -129,11 +129,7 @@ class SensorNoise(Quantities):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Variation(Quantities):
-    """One episode's door and circumstances.
-
-    Raises:
-        ValueError: The delay is not a whole number within its range.
-    """
+    """One episode's door and circumstances."""
 
     door: DoorConfig = field(default_factory=DoorConfig)
     """The door."""

@@ -16,13 +16,12 @@ _EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLE
 class Camera:
     """Renders the state of a model; the renderer is created when it is first needed.
 
-    Deep and unpickled copies create their own renderer; another model needs a new one.
-    Raises a ValueError for an impossible size [px] or an unknown camera.
+    Copies create their own renderer. Raises a ValueError for an impossible size [px] or
+    an unknown camera.
     """
 
     _without_opengl: ClassVar[str] = ""
-    """Error message if OpenGL failed in this process: a second try makes MuJoCo abort
-    Python."""
+    """Error message if OpenGL failed: a second try makes MuJoCo abort Python."""
 
     def __init__(
         self,
@@ -48,8 +47,7 @@ class Camera:
     def picture(self, mode: str, data: mujoco.MjData) -> Any:
         """Return a picture in one of the environment's render modes.
 
-        While the model is the same object, so is `data`. If OpenGL is not available,
-        raises a RuntimeError that says what to install.
+        Raises a RuntimeError that says what to install if OpenGL is not available.
         """
         if mode == "human":
             if self._window is None or self._drawn is not data.model:

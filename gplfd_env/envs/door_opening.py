@@ -35,10 +35,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     Observation (dict): ``ee_pose`` (6,) [m, rad], ``ee_twist`` (6,) [m/s, rad/s],
     ``wrench`` (6,) [N, N m] on the hand, all in the task frame; ``joint_pos`` (7,)
-    [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
-
-    Info, with the same keys at reset and step and without sensor noise:
-    `gplfd_env.task.info.INFO` lists keys, units and meanings.
+    [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s]. `gplfd_env.task.info.INFO`
+    lists keys, units and meanings of the info, which has no sensor noise.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
     the grasp is lost, and is truncated by the time limit or a diverged simulation.
@@ -47,8 +45,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         door: A preset's name, a radius [m], a mapping of `DoorConfig` fields, or a
             `DoorConfig`.
         grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
-        randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
-            ..., a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
+        randomization: What every reset draws anew: a name of
+            `gplfd_env.doors.randomization.RANDOMIZATIONS`, a mapping of
+            `DoorRandomization` fields, or a `DoorRandomization`.
         disturbance: External events: a name of
             `gplfd_env.doors.disturbance.DISTURBANCES`, a mapping of `Disturbance`
             fields, or a `Disturbance`.
@@ -59,10 +58,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         base: ``"fixed"``, or ``"mobile"``: the base follows the hand
             (`gplfd_env.robot.whole_body`) and collides with door and walls. None for
             the base of the robot's configuration, ``"fixed"`` for the named robots.
-        start: ``"grasped"``, or ``"approach"``: the episode begins with the open hand
-            10 to 20 cm in front of the handle. If actions do not command the gripper,
-            it closes when the hand is at the handle or, if the handle's position is
-            uncertain, when the hand rests near it (`gplfd_env.robot.gripper`).
+        start: ``"grasped"``, or ``"approach"``: the open hand begins 10 to 20 cm in
+            front of the handle. A gripper that actions do not command closes at the
+            handle (`gplfd_env.robot.gripper`).
         render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
             ``"rgbd_tuple"``.
         width: Width of rendered images [px].
@@ -72,9 +70,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             them. Without a graphics card an image takes ten times as long.
 
     Raises:
-        ValueError: An unknown door, grasp, start, randomisation, reward, camera or
-            render mode, a door out of range, a rigid grasp with a hand that does not
-            hold the handle from the start, or an impossible picture size.
+        ValueError: An unknown name, a number out of range, or choices that do not go
+            together.
         RuntimeError: ``render_mode="human"`` without a display.
     """
 
@@ -127,16 +124,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     @property
     def model(self) -> mujoco.MjModel:
-        """Model of the scene.
-
-        It stays the same object when the door changes, unless the new door has another
-        handle, latch or kind of closer.
-        """
+        """Model of the scene; a door of another structure has another object."""
         return self._simulation.model
 
     @property
     def data(self) -> mujoco.MjData:
-        """State of the scene; it stays the same object as long as `model` does."""
+        """State of the scene; the same object as long as `model` is."""
         return self._simulation.data
 
     @property
@@ -164,16 +157,10 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     ) -> tuple[Observation, Info]:
         """Close the door, place the hand at or in front of the handle, and start.
 
-        Args:
-            seed: Seeds ``self.np_random``.
-            options: ``{"door": ...}``, ``{"randomization": ...}`` and
-                ``{"disturbance": ...}`` change the door, its randomisation, and the
-                disturbance, from this episode on.
-
-        Raises:
-            ValueError: An unknown option, door or randomisation, or a drawn placement
-                from which the arm cannot reach its initial posture; the next reset
-                draws a new one.
+        The options ``"door"``, ``"randomization"`` and ``"disturbance"`` hold from this
+        episode on. Raises a ValueError for an unknown option or value, or a drawn
+        placement from which the arm cannot reach its initial posture; the next reset
+        draws a new one.
         """
         sources, _ = self._sources.changed(options)
         super().reset(seed=seed)
@@ -190,15 +177,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Apply a command for one control period.
 
-        Args:
-            action: (6,) position [m] and rotation vector [rad] in the task frame. Under
-                impedance control (6,) stiffness [N/m, N m/rad] follows, with a driven
-                base its twist (3,) [m/s, rad/s], with a commanded gripper its width
-                (1,) [m]. Values beyond the action space are clamped to it.
-
-        Raises:
-            ValueError: The action's shape is wrong or it is not finite.
-            gymnasium.error.ResetNeeded: There was no reset yet.
+        The action is as the class states, and clamped to its space. Raises a ValueError
+        if its shape is wrong or it is not finite, and gymnasium.error.ResetNeeded
+        before the first reset.
         """
         episode = self._episode
         if episode is None:
@@ -225,13 +206,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def render(self) -> Any:
         """Return a picture of the scene, or draw it in a window (``"human"``).
 
-        Returns:
-            ``"rgb_array"``: (height, width, 3) uint8; ``"depth_array"``: (height,
-            width) float32, distance from the camera's plane [m]; ``"rgbd_tuple"``:
-            both; ``"human"``: None.
-
-        Raises:
-            RuntimeError: OpenGL is not available; the message says what to install.
+        ``"rgb_array"``: (height, width, 3) uint8; ``"depth_array"``: (height, width)
+        float32, distance from the camera's plane [m]; ``"rgbd_tuple"``: both. Raises a
+        RuntimeError if OpenGL is not available.
         """
         if self.render_mode is None:
             gym.logger.warn(
@@ -255,9 +232,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 class DoorOpeningImpedanceEnv(DoorOpeningEnv):
     """The same door, opened by commanding the hand's pose and its stiffness.
 
-    Action, (12,): commanded position [m] and rotation vector [rad] of the hand in the
-    task frame, then its stiffness on these six axes, 20 to 2000 N/m and 1 to
-    100 N m/rad. Six servos inside MuJoCo realise it; their gains are set once per
+    Action, (12,): the pose, then its stiffness on these six axes, 20 to 2000 N/m and 1
+    to 100 N m/rad. Six servos inside MuJoCo realise it; their gains are set once per
     control period: force k_i (command - pose)_i - d_i velocity_i with a constant
     damping ratio. Everything else is as in `DoorOpeningEnv`.
     """
@@ -268,11 +244,10 @@ class DoorOpeningImpedanceEnv(DoorOpeningEnv):
 class DoorOpeningMobileEnv(DoorOpeningEnv):
     """The same door, opened by commanding the hand's pose and the base's twist.
 
-    Action, (9,): commanded position [m] and rotation vector [rad] of the hand in the
-    task frame, then the twist of the base in its own axes: forward, to the left [m/s]
-    and turning to the left [rad/s], within the limits of its drive. The observation
-    also contains ``base_pose`` and ``base_velocity``. Everything else is as in
-    `DoorOpeningEnv` with ``base="mobile"``.
+    Action, (9,): the pose, then the twist of the base in its own axes: forward, to the
+    left [m/s] and turning to the left [rad/s], within the limits of its drive. The
+    observation also contains ``base_pose`` and ``base_velocity``. Everything else is as
+    in `DoorOpeningEnv` with ``base="mobile"``.
     """
 
     command = DRIVEN
@@ -285,11 +260,11 @@ class DoorOpeningMobileEnv(DoorOpeningEnv):
 class DoorOpeningGripperEnv(DoorOpeningEnv):
     """The same door, opened by commanding the hand's pose and its gripper.
 
-    Action, (7,): commanded position [m] and rotation vector [rad] of the hand in the
-    task frame, then the width between the fingers, from 0 (closed with full force) to
-    0.09 m. A width larger than the handle releases it; the fingers may grasp it again.
-    The observation also contains ``gripper_width`` (1,) [m] and ``grasped`` (1,): 1 if
-    both fingers touch the handle, else 0. Everything else is as in `DoorOpeningEnv`.
+    Action, (7,): the pose, then the width between the fingers, from 0 (closed with full
+    force) to 0.09 m. A width larger than the handle releases it; the fingers may grasp
+    it again. The observation also contains ``gripper_width`` (1,) [m] and ``grasped``
+    (1,): 1 if both fingers touch the handle, else 0. Everything else is as in
+    `DoorOpeningEnv`.
     """
 
     command = GRIPPING

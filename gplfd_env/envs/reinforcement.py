@@ -19,8 +19,8 @@ from gplfd_env.wrappers import (
 def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`.
 
-    The arguments are those of `gplfd_env.envs.door_opening.DoorOpeningEnv` except
-    `reward`. Raises the same ValueErrors, and one if a reward is given.
+    The arguments are those of `gplfd_env.envs.door_opening.DoorOpeningEnv`; a `reward`
+    raises a ValueError.
     """
     refuse_reward(arguments)
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
@@ -33,11 +33,7 @@ door_opening_rl.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
 def door_opening_rl_vector(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Return n simulations: `DoorOpeningVectorEnv` in the same wrappers.
-
-    The arguments are those of the vector environment except `reward`. Raises the same
-    ValueErrors, and one if a reward is given.
-    """
+    """Return n simulations: `DoorOpeningVectorEnv` in the same wrappers."""
     refuse_reward(arguments)
     return for_learners(DoorOpeningVectorEnv(num_envs, **arguments))
 

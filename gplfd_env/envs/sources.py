@@ -46,12 +46,12 @@ def commanded_robot(
     return Robot("gripper", command, config)
 
 
+# What episodes are drawn from: functions that resolve it, and values for messages.
 _RESOLVERS: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
     "door": (door_config, "name, radius, mapping or DoorConfig"),
     "randomization": (door_randomization, "name, mapping or DoorRandomization"),
     "disturbance": (disturbance_named, "name, mapping or Disturbance"),
 }
-"""What episodes are drawn from: functions that resolve it, and values for messages."""
 
 
 @dataclass(frozen=True, kw_only=True)

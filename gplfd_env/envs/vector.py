@@ -154,10 +154,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def qpos(self) -> Array:
-        """Joint positions of every simulation, (n, nq) [m, rad]; a copy.
-
-        Rows of doors with fewer joints are padded with zeros.
-        """
+        """Joint positions (n, nq) [m, rad], a copy; fewer are padded with zeros."""
         rows = [self._batch.qpos_of(row) for row in range(self.num_envs)]
         longest = max(map(len, rows))
         return np.array([np.pad(row, (0, longest - len(row))) for row in rows])
@@ -177,18 +174,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     ) -> tuple[Observation, Info]:
         """Close the doors, place the hands, and begin episodes.
 
-        Args:
-            seed: An integer s seeds simulation i with s + i; or one seed, or None, per
-                simulation.
-            options: ``"door"``, ``"randomization"`` and ``"disturbance"`` as for the
-                single environment, or sequences of n;
-                ``"reset_mask"``, (n,) bool: only these simulations are reset.
-
-        Returns:
-            Observations, and infos whose masks mark the simulations that were reset.
-
-        Raises:
-            ValueError: An unknown option, or a door, seed or mask that does not fit.
+        A seed s seeds simulation i with s + i; or one seed, or None, is given per
+        simulation. Options are those of the single environment, or sequences of n, and
+        ``"reset_mask"``, (n,) bool: only these simulations are reset, and the masks of
+        the infos mark them. Raises a ValueError for an unknown option, or a door, seed
+        or mask that does not fit.
         """
         fresh = {
             row: np_random(of_row)
@@ -206,15 +196,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         return episodes.observation(self._sensed), masked(episodes.info(), rows)
 
     def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
-        """Command every hand for one control period.
+        """Command every hand for one control period by actions (n, ...).
 
-        Args:
-            actions: (n, ...) actions of the single environment. Actions of simulations
-                that are being reset or stand still are ignored.
-
-        Raises:
-            ValueError: The shape is wrong or an action is not finite.
-            gymnasium.error.ResetNeeded: There was no reset yet.
+        Actions of simulations that are being reset or stand still are ignored. Raises a
+        ValueError if the shape is wrong or an action is not finite, and
+        gymnasium.error.ResetNeeded before the first reset.
         """
         if self._episodes is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")

@@ -22,9 +22,8 @@ def make_warp(
 ) -> gym.vector.VectorEnv[NDArray[np.float32], Any, Any]:
     """Return ``gplfd/DoorOpeningRL-v1`` with n doors on Warp's default device.
 
-    The arguments are those of `DoorOpeningWarpVectorEnv` except `reward`. The default
-    of ``max_episode_steps`` is `TIME_LIMIT`. Raises the same ValueErrors, and one if a
-    reward is given.
+    The arguments are those of `DoorOpeningWarpVectorEnv`; a `reward` raises a
+    ValueError.
     """
     refuse_reward(arguments)
     arguments.setdefault("max_episode_steps", TIME_LIMIT)
@@ -34,21 +33,14 @@ def make_warp(
 class DoorOpeningWarpVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.envs.door_opening.DoorOpeningEnv` on MuJoCo Warp.
 
-    Actions are poses, as in ``gplfd/DoorOpening-v1``. MuJoCo Warp has no servo on the
-    whole orientation, so three servos turn the hand, one per axis of its rotation
-    vector: it equals ``gplfd/DoorOpeningImpedance-v1`` at its greatest stiffness.
-    Physics runs on Warp's default device (``warp.set_device``). Draws of doors,
-    rewards, success and failure are computed on the CPU by the same code as in the
-    other environments.
+    MuJoCo Warp has no servo on the whole orientation, so three servos turn the hand,
+    one per axis of its rotation vector: it equals ``gplfd/DoorOpeningImpedance-v1`` at
+    its greatest stiffness. Physics runs on Warp's default device (``warp.set_device``);
+    draws, rewards, success and failure are computed on the CPU, as elsewhere.
 
-    Args:
-        num_envs: Number of simulations n.
-        arguments: Those of `gplfd_env.envs.vector.DoorOpeningVectorEnv` except
-            `num_threads`. The base must be fixed, and the hand must hold the handle
-            from the start by friction: float32 is too coarse for the forces of a weld.
-
-    Raises:
-        ValueError: As there, and for another base, start, grasp or number of threads.
+    The arguments are those of `DoorOpeningVectorEnv` except `num_threads`. The base
+    must be fixed, and the hand must hold the handle from the start by friction:
+    float32 is too coarse for the forces of a weld. Raises a ValueError otherwise.
     """
 
     command = dataclasses.replace(COMMANDS["pose"], control="impedance")

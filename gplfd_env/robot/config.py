@@ -27,14 +27,12 @@ class Stance:
     door_yaw: float
     """Heading perpendicular into the closed door in the base frame [rad]."""
     grasp_yaw: float = 0.0
-    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]. It is
-    zero for a lever or knob: a yaw there would turn a wrist that is nearly at its
-    limit."""
+    """Constant yaw of the hand on the handle, counter-clockwise from above [rad]; zero
+    for a lever or knob, where it would turn a wrist that is nearly at its limit."""
     below_handle: float
     """Height of the grasped point minus the lift's position [m]."""
     closed_posture: tuple[float, ...]
-    """Arm joint positions that hold the closed handle, to 1 mrad [rad]; refined when
-    the scene is built."""
+    """Arm joint positions that hold the closed handle, to 1 mrad [rad]."""
     roll: float = 0.0
     """Roll of the wrist relative to the grasp of a vertical bar [rad]: a quarter turn
     for a lever or knob, which the fingers grasp from above and below."""
@@ -77,11 +75,9 @@ class Capsule(NamedTuple):
 class RobotConfig:
     """An arm with a gripper, on the generic stand or its own base.
 
-    `gplfd_env.robot.urdf.robot_of_urdf` makes one from a URDF; the robots of this
-    project are in `gplfd_env.robot.robots.ROBOTS`.
-
-    The *grasp frame* lies between the finger tips: its x axis is the direction in which
-    the fingers close, and the hand approaches along its negative z axis.
+    `gplfd_env.robot.urdf.robot_of_urdf` makes one; `gplfd_env.robot.robots.ROBOTS` are
+    those of this project. The *grasp frame* lies between the finger tips: its x axis is
+    the direction in which the fingers close; the hand approaches along its negative z.
     """
 
     name: str
@@ -108,8 +104,8 @@ class RobotConfig:
     finger_stroke: float = 0.045
     """Distance by which a finger opens from the middle [m]."""
     flange: str = ""
-    """Link of the URDF on which the generic gripper is mounted; `tool` and the joints
-    of the fingers are then the gripper's. "" if the robot has its own gripper."""
+    """Link of the URDF on which the generic gripper is mounted, to which `tool` and the
+    fingers then belong; "" if the robot has its own."""
     flange_axes: tuple[Vector, Vector] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     """Directions of approach and of closing in the frame of the flange."""
     stand: bool = True

@@ -28,20 +28,15 @@ ASSETS: Final = ("tiago_like.urdf", "panda_like.urdf", "ur5e_like.urdf")
 PAD_BEHIND: Final = 0.02
 """How far the middle of a finger pad is behind the grasped point [m]."""
 
-_PAD: Final = (0.01, 0.04, 0.08)
-"""Thickness, width and length of a finger pad [m]."""
-
+_PAD: Final = (0.01, 0.04, 0.08)  # Thickness, width and length of a finger pad [m].
+# Names of bodies and joints in a scene that are not those of an arm.
 _TAKEN: Final = re.compile(
     "world|motors|door(_frame)?|handle|bolt|hinge|along|out|coordinate|"
     "stand_(base|lift|lift_link)|(base|drive)_(x|y|yaw)_joint|gripper_link(_mount)?|"
     "gripper_(left|right)_finger_(joint|link)"
 )
-"""Names of bodies and joints in a scene that are not those of an arm."""
-
 _MESHES: Final = (".stl", ".obj", ".dae", ".ply", ".glb", ".off")
-_LARGEST: Final = 50 << 20
-"""Kinds and greatest size of a mesh that is read [bytes]."""
-
+_LARGEST: Final = 50 << 20  # Kinds and greatest size of a mesh that is read [bytes].
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
 

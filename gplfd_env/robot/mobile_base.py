@@ -32,13 +32,12 @@ WHEEL_FORCE: Final = 6.0 / 0.0762
 WHEEL_LEVER: Final = 0.2236 + 0.244
 """Lever arm of a wheel's force about the vertical: half of (track + wheelbase) [m]."""
 
+# Inertia of the motors [kg, kg, kg m²]: much more than the base's, so that the base
+# cannot slow them down.
 _ROTOR_INERTIA: Final = (1e3, 1e3, 1e2)
-"""Inertia of the motors [kg, kg, kg m²]: much more than the base's, so that the base
-cannot slow them down."""
-_TRACKING: Final = 2.0e6
-"""Gain of the motors' rate control [N s/m, N m s/rad]."""
+_TRACKING: Final = 2.0e6  # Gain of the motors' rate control [N s/m, N m s/rad].
+# Limit of a force that is practically zero: MuJoCo requires a range [N, N m].
 _NO_FORCE: Final = 1e-6
-"""Limit of a force that is practically zero: MuJoCo requires a range [N, N m]."""
 
 HARD_STOP: Final = (0.005, 1.0)
 """Time constant [s] and damping ratio of the joint limits of hinge and fingers with a
@@ -48,8 +47,8 @@ runs into the leaf presses it into the frame by more than a degree."""
 SOFT_STOP: Final = (0.015, 1.0)
 """The same for a stop that a disturbance sets."""
 
+# Impedance of the fingers' limits. Fast arm motion deflects them by at most 1 cm.
 _RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
-"""Impedance of the fingers' limits. Fast arm motion deflects them by at most 1 cm."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:

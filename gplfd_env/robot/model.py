@@ -1,9 +1,8 @@
 """The robot in MuJoCo: its URDF, with servos, sites, cameras and collision geometry.
 
-Finger pads and handle collide in every scene. With a mobile base, base, torso and arm
+Finger pads and handle collide in every scene; with a mobile base, base, torso and arm
 also collide with leaf, frame and wall. Capsules approximate the robot: MuJoCo computes
-contacts of capsules and boxes in closed form, and an upright capsule meets an upright
-wall as a cylinder does.
+contacts of capsules and boxes in closed form.
 """
 
 import math
@@ -39,7 +38,6 @@ COMMAND_LIMITS: Final = (1.0, math.pi / 2)
 _POSTURE_STIFFNESS: Final = 0.1
 _FINGER_STIFFNESS: Final = 2000.0
 _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
-
 _RIDGE_HEIGHT: Final = 0.008
 _RIDGE_HALF_WIDTH: Final = 0.010
 _RIDGE_HALF_THICKNESS: Final = 0.002
@@ -66,8 +64,7 @@ def load_robot(control: Control, door: DoorConfig, robot: RobotConfig) -> mujoco
     The hand site's axes coincide with the task frame when the door is closed, so the
     orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
     Control by ``"pose"`` turns the hand by one servo on the whole orientation, by
-    ``"impedance"`` by one per axis of θu. The result compiles once a ``task_frame``
-    site has been added.
+    ``"impedance"`` by one per axis. Needs a ``task_frame`` site to compile.
     """
     spec = described_robot(robot)
     spec.modelname = "gplfd door opening"
@@ -148,11 +145,7 @@ def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActua
 
 
 def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
-    """Add ridges to the finger pads, in front of and behind a round handle.
-
-    The grasp of a lever or knob is then form-closed, with 2 mm of play along the
-    approach.
-    """
+    """Add ridges to the finger pads, which hold a round handle with 2 mm of play."""
     waist = radius - _RIDGE_HEIGHT
     reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
     for side, inwards in zip(SIDES, (-1.0, 1.0), strict=True):
@@ -205,8 +198,8 @@ def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Add the walls on both sides of the frame, without contact.
 
-    If a robot with a fixed base pushes, its arm passes beside the lock, where a wall
-    would hide it: there the wall ends at the frame.
+    Where the arm of a fixed base that pushes passes beside the lock, the wall is left
+    out.
     """
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")

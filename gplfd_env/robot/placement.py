@@ -34,7 +34,7 @@ def handle_position_w(
 ) -> Array:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
-    The world frame is the base's at the reset, so an error of the base displaces it.
+    The world frame is the base's at the reset: an error of the base displaces it.
     """
     handle = robot.stance(door).handle_xy_w
     x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
@@ -57,9 +57,8 @@ def task_rotation_w(door: DoorConfig, robot: RobotConfig, yaw: float = 0.0) -> A
 def gripper_rotation_w(door: DoorConfig, robot: RobotConfig) -> Array:
     """Return the grasp frame's axes at the closed grasp in the world frame, (3, 3).
 
-    The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
-    along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
-    or knob is held with the wrist rolled by a quarter, x upright.
+    On a bar y runs along it (downwards: the wrist rolled so that arm_7's x axis points
+    down); a lever or knob is held with the wrist rolled by a quarter, x upright.
     """
     stance = robot.stance(door)
     yaw = stance.door_yaw + stance.grasp_yaw
@@ -104,10 +103,7 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
 def task_in_door_frame(
     door: DoorConfig, placement: Placement, robot: RobotConfig
 ) -> tuple[Array, Array]:
-    """Return the task frame in the door frame: position (3,) [m], axes (3, 3).
-
-    Its origin is the believed grasp.
-    """
+    """Return the task frame in the door frame: the believed grasp (3,) [m], axes."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, robot) @ depth
     axes = task_rotation_w(door, robot, placement.base_yaw)
@@ -130,9 +126,9 @@ def solve_closed_posture(
     """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
     Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
-    with the pseudo-inverse of the arm's Jacobian from the stance's posture. The torso
-    is lifted as far as needed or possible; fingers, hinge and base are at zero. Raises
-    a ValueError if the pose is out of reach.
+    from the stance's posture. The torso is lifted as far as needed or possible;
+    fingers, hinge and base are at zero. Raises a ValueError if the pose is out of
+    reach.
     """
     mujoco.mj_resetData(model, data)
     stance = robot.stance(door)

@@ -18,6 +18,7 @@ RobotSpec = str | os.PathLike[str] | RobotConfig
 """Name of a robot, path of the URDF of an arm, path of a .json with the arguments of
 `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
 
+# Arguments of `robot_of_urdf`.
 _ARMS: Final[Mapping[str, Mapping[str, Any]]] = {
     "panda-like": {
         "path": "panda_like.urdf",
@@ -27,7 +28,6 @@ _ARMS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
     "ur5e-like": {"path": "ur5e_like.urdf", "tool": "tool0"},
 }
-"""Arguments of `robot_of_urdf`."""
 
 ROBOTS: Final = ("tiago-like", *_ARMS)
 """Names of the robots of this project."""

@@ -25,38 +25,23 @@ from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.robot.config import BASE_RADIUS, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
 
-_TRIES: Final = 11
-"""Logarithm to base 2 of the number of tries in the first round."""
-
+_TRIES: Final = 11  # Logarithm to base 2 of the number of tries in the first round.
+# Spread of the tries of later rounds, as a share of the ranges.
 _SPREADS: Final = (*np.geomspace(0.2, 0.012, 9), 0.0)
-"""Spread of the tries of later rounds, as a share of the ranges."""
-
-
 _BEST: Final = 16
+# Best tries of a round, and tries of the next round around each of them.
 _AROUND: Final = 16
-"""Best tries of a round, and tries of the next round around each of them."""
-
-_WELL: Final = 0.7
-"""Share of the greatest quality at which a search ends early."""
-
+_WELL: Final = 0.7  # Share of the greatest quality at which a search ends early.
 _OPENED: Final = np.radians(np.linspace(0.0, 72.0, 16))
+# Angles of the opening door [rad]; how many suffice if no arm follows all (62°).
 _ENOUGH: Final = 14
-"""Angles of the opening door [rad]; how many suffice if no arm follows all (62°)."""
-
+# Distances from the hinge that a stance may serve, the best one first [m].
 _RADII: Final = (0.65, 0.5, 0.35)
-"""Distances from the hinge that a stance may serve, the best one first [m]."""
-
+# Height of the handle with a fixed base; least and greatest with a mobile one [m].
 _HEIGHTS: Final = (0.85, 0.5, 1.22)
-"""Height of the handle with a fixed base; least and greatest with a mobile one [m]."""
-
-_MARGIN: Final = 0.03
-"""Least distance from a joint limit in the search [rad]."""
-
-_CLOSE: Final = 1e-3
-"""Greatest error of a pose that counts as reached [m, rad]."""
-
-_LOAD: Final = 0.9
-"""Greatest torque of the weight, as a share of the joint's limit."""
+_MARGIN: Final = 0.03  # Least distance from a joint limit in the search [rad].
+_CLOSE: Final = 1e-3  # Greatest error of a pose that counts as reached [m, rad].
+_LOAD: Final = 0.75  # Greatest torque of the weight, as a share of the joint's limit.
 
 UPRIGHT: Final = 2.0
 """How far the task frame's y may be from upright in the base frame [°]."""
@@ -114,9 +99,9 @@ class _Arm(NamedTuple):
         )
 
     def hand(self, postures: Array) -> tuple[Array, Array, Array, Array]:
-        """Return places (B, 3), frames (B, 3, 3), Jacobians (B, 6, n), loads (B,).
+        """Return places (B, 3), frames (B, 3, 3), Jacobians (B, 6, n), loads (B, n).
 
-        A load is the greatest torque of the weight as a share of the joint's limit.
+        A load is the torque of the weight as a share of the joint's limit.
         """
         turn, shift = np.tile(np.eye(3), (len(postures), 1, 1)), np.zeros(3)
         axes, anchors, moments = [], [], []
@@ -135,7 +120,7 @@ class _Arm(NamedTuple):
         x, y, _ = np.moveaxis(GRAVITY * levers, 2, 0)
         loads = np.abs(around[..., 1] * x - around[..., 0] * y) / self.efforts
         jacobians = np.concatenate(columns, 2).swapaxes(1, 2)
-        return places, turn @ self.frame, jacobians, loads.max(1)
+        return places, turn @ self.frame, jacobians, loads
 
     def reach(
         self, postures: Array, places: Array, frames: Array, steps: int
@@ -159,10 +144,11 @@ class _Arm(NamedTuple):
             pull = np.linalg.solve(damped, np.clip(errors, -0.2, 0.2)[..., None])
             postures = np.clip(postures + (pulled @ pull)[..., 0], low, high)
         scaled = jacobian * np.array([1, 1, 1, 0.3, 0.3, 0.3])[:, None]
+        most = loads.max(1)
         strengths = np.linalg.svd(scaled, compute_uv=False)[:, -1]
         ends = np.minimum(postures - self.low, self.high - postures).min(1)
-        shares = np.array([ends / 0.5, strengths / 0.15, (1.0 - loads) / 0.5])
-        missed = np.abs(errors).max(1) + np.maximum(loads - _LOAD, 0.0)
+        shares = np.array([ends / 0.5, strengths / 0.15, (1.0 - most) / 0.5])
+        missed = np.abs(errors).max(1) + np.maximum(most - _LOAD, 0.0)
         return postures, missed, shares.clip(0.0, 1.0).prod(0)
 
 
@@ -292,10 +278,13 @@ def _search(
         points = np.clip(np.vstack([points[best], around]), 0.0, 1.0)
     number, end = int(scores[best[0]]), last[best[0]]
     if number < enough:
-        margins = np.minimum(end - arm.low, arm.high - end)
-        ends = [robot.arm[joint] for joint in np.flatnonzero(margins < 1.01 * _MARGIN)]
-        cause = f"{' and '.join(ends)} at a limit" if ends else "the arm too short"
-        away = tries.poses(path[number])[0][best[0]] - arm.hand(end[None])[0][0]
+        places, _, _, loads = arm.hand(end[None])
+        away = tries.poses(path[number])[0][best[0]] - places[0]
+        stuck = np.minimum(end - arm.low, arm.high - end) < 1.01 * _MARGIN
+        ends, heavy = np.array(robot.arm)[stuck], np.array(robot.arm)[loads[0] > _LOAD]
+        cause = f"{' and '.join(ends)} at a limit" if len(ends) else "the arm too short"
+        if len(heavy):
+            cause = f"the arm too heavy for the effort of {' and '.join(heavy)}"
         raise ValueError(
             f"{moments[number]} {cause}, where the hand stays "
             f"{away.round(2).tolist()} m of the base's axes away"

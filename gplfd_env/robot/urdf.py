@@ -29,13 +29,10 @@ from gplfd_env.robot.description import (
 )
 from gplfd_env.robot.search import searched_stance
 
+# Distance of the grasped point from the flange of the generic gripper [m].
 _GRIPPER_REACH: Final = 0.16
-"""Distance of the grasped point from the flange of the generic gripper [m]."""
-
 _LINK_RADIUS: Final = 0.055
-
-_ARMATURE: Final = 0.1
-"""Rotor inertia of every joint, reflected to the joint [kg m²]."""
+_ARMATURE: Final = 0.1  # Rotor inertia of every joint, reflected to the joint [kg m²].
 
 
 def robot_of_urdf(
@@ -279,9 +276,9 @@ def _base_of(urdf: Any, first: str) -> str:
     return base if moves or far else ""
 
 
+# Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
+# turn; larger values are nearly always degrees.
 _MOST_TURNED: Final = 4 * math.pi
-"""Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
-turn; larger values are nearly always degrees."""
 
 
 def _limits(

@@ -1,23 +1,22 @@
 """Control of the mobile base: the whole-body rule and the limits of the drive.
 
-The arm is strong and far from its limits in the posture that holds the closed handle.
-The rule moves the base such that the arm keeps this posture: the *commanded* pose of
-the hand determines a target pose of the base, as if the base were fixed to the hand in
-the plane. With the hand's closed position h₀, its commanded displacement d and its
+The arm is strong and far from its limits in the posture that holds the closed handle,
+and the base moves such that the arm keeps it: as if it were fixed to the commanded hand
+in the plane. With the hand's closed position h₀, its commanded displacement d and its
 commanded yaw ψ (the twist of the rotation vector about the vertical), the target of a
 base that started at the origin is
 
     b = h₀ + d - R(c ψ) h₀,    yaw c ψ.
 
 A hand that moves towards the robot pulls the door open: c = 1, base and hand move as
-one rigid body. A hand that moves away pushes the door through its frame. A base rigidly
-behind it would hit the wall beside the lock: c = 0.3, the hand turns more than the
-base. Within 5 cm of the closed door c is interpolated linearly.
+one rigid body. A hand that moves away pushes the door through its frame, where a base
+rigidly behind it would hit the wall beside the lock: c = 0.3, the hand turns more than
+the base. Within 5 cm of the closed door c is interpolated linearly.
 
-The target has the dead band `DEAD_BAND`: the arm alone executes small and fast motions.
-The base moves at the rate of the target behind this dead band, and reduces its distance
-to it with the time constant `LAG`, within its braking distance. The hand's servo acts
-in the task frame, which is fixed in the world, so the arm compensates the base.
+The arm alone executes motions within the dead band `DEAD_BAND`. Behind it the base
+moves at the rate of the target, and reduces its distance to it with the time constant
+`LAG`, within its braking distance. The hand's servo acts in the task frame, which is
+fixed in the world, so the arm compensates the base.
 """
 
 import math
@@ -47,14 +46,12 @@ DEAD_BAND: Final = (0.04, 0.07)
 """Dead band: distance from the target within which the base stands still [m, rad]."""
 
 TURN: Final = (0.3, 1.0)
-"""c: share of the hand's yaw that the base takes, when the hand moves away from the
-robot and when it moves towards it."""
+"""c: share of the hand's yaw that the base takes when the hand moves away, or towards
+it."""
 
-_COMING: Final = 0.05
-"""c is constant beyond this displacement of the hand [m]."""
-
+_COMING: Final = 0.05  # c is constant beyond this displacement of the hand [m].
+# The base can count as blocked only above this commanded speed [m/s, rad/s].
 _BLOCKED_SPEED: Final = (0.05, 0.1)
-"""The base can count as blocked only above this commanded speed [m/s, rad/s]."""
 
 BLOCKED_TIME: Final = 0.5
 """The base is blocked after this long at less than half of its commanded speed [s]."""
@@ -131,10 +128,10 @@ class BaseDrive:
 
 
 def led_by(hand: list[float], closed: tuple[float, float], axes: Axes) -> Planar:
-    """Return the target pose of the base, world frame, for a pose of the hand (6,).
+    """Return the target of the base, world frame, for a pose of the hand (6,).
 
-    The pose is relative to the closed grasp, at which the hand is at `closed` [m].
-    `axes` are those of the task frame in the world frame.
+    It is relative to the closed grasp, where the hand is at `closed` [m]; `axes` are
+    the task frame's in the world frame.
     """
     x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)

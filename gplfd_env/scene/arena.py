@@ -27,15 +27,13 @@ FLAP_WIDTH: Final = 0.60
 
 _ASPECT: Final = 4.0 / 3.0
 _FIELD_OF_VIEW: Final = math.radians(40.0)
+# Margin around the points that a camera has to show, as a factor.
 _MARGIN: Final = 1.03
-"""Margin around the points that a camera has to show, as a factor."""
-
+# Opening angles at which leaf and robot have to be in the picture.
 _SHOWN_ANGLES: Final = np.radians(np.linspace(0.0, 75.0, 6))
-"""Opening angles at which leaf and robot have to be in the picture."""
-
 _BASE_SIZE: Final = (0.29, 0.35)
+# Radius and height of upright cylinders around the robot's base and head [m].
 _HEAD_SIZE: Final = (0.18, 1.55)
-"""Radius and height of upright cylinders around the robot's base and head [m]."""
 
 
 def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None:
@@ -128,7 +126,7 @@ def _camera_position(points: Array) -> Array:
 
     A point (x, y, z), with axes right, up and backward, is in the picture of a camera
     at c if |x - c_x| <= (c_z - z) t with the tangent t of half the field of view, and
-    likewise in y. Each of these inequalities is linear in c.
+    likewise in y: linear in c.
     """
     vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN
     tangents = np.array([_ASPECT * vertical, vertical])
@@ -143,8 +141,7 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
 
     A mobile base turns with the leaf about the hinge while it pulls, and moves straight
-    with the handle while it pushes. This approximates `gplfd_env.robot.whole_body` to
-    about a decimetre.
+    with the handle while it pushes: a decimetre from `gplfd_env.robot.whole_body`.
     """
     axes = task_rotation_w(door, robot)
     floor = handle_position_w(door, Placement(), robot) * [1.0, 1.0, 0.0]

@@ -1,9 +1,8 @@
 """Compilation of a door configuration to a MuJoCo model with a settled grasp.
 
-Every scene of one robot and one `Structure` has the same layout. A model is compiled
-once; for another door only the fields in which scenes differ are overwritten. A new
-geometry needs a compilation and a settled grasp (4 ms) and is cached. Mass, hinge and
-closer are written directly.
+A model is compiled once per robot and `Structure`; for another door only the fields in
+which scenes differ are overwritten. A new geometry needs a compilation and a settled
+grasp (4 ms) and is cached. Mass, hinge and closer are written directly.
 """
 
 import dataclasses
@@ -56,6 +55,7 @@ SCENE_FIELDS: Final = (
 """Fields of the model in which the geometry of two scenes can differ."""
 
 _PLAIN: Final = DoorConfig(panel_mass=NOMINAL_MASS)
+# Fields of a door and its parts that `set_door_physics` writes into a scene.
 _WRITTEN_LATER: Final = {
     "": (
         *("panel_mass", "hinge_friction", "hinge_damping"),
@@ -67,11 +67,9 @@ _WRITTEN_LATER: Final = {
     ),
     "mechanism": ("strut_stiffness", "strut_dead_angle", "roller_friction"),
 }
-"""Fields of a door and its parts that `set_door_physics` writes into a scene."""
-
 _SETTLING_TIME: Final = 0.4
+# Penetration of the bar's soft contact under the fingers' 16 N [m].
 _BAR_INDENTATION: Final = 7.3e-5
-"""Penetration of the bar's soft contact under the fingers' 16 N [m]."""
 
 
 def build_spec(
@@ -82,10 +80,7 @@ def build_spec(
     structure: Structure,
     robot: RobotConfig,
 ) -> mujoco.MjSpec:
-    """Assemble arena, robot, door and sensors without compiling them.
-
-    A ``"weld"`` adds a rigid joint between hand and handle.
-    """
+    """Assemble a scene; a ``"weld"`` adds a rigid joint between hand and handle."""
     spec = load_robot(control, door, robot)
     add_arena(spec, door, robot)
     add_door(spec, door, placement, structure, robot)
@@ -138,9 +133,9 @@ def load_scene(
 ) -> None:
     """Write another door of the same structure into a scene's model, in place.
 
-    The result does not depend on the previous door: it equals that of `build_scene` bit
-    for bit. If the handle is out of reach, raises a ValueError and leaves the model
-    unchanged. Reset `data` to the keyframe afterwards.
+    The result equals that of `build_scene` bit for bit. If the handle is out of reach,
+    raises a ValueError and leaves the model unchanged. Reset `data` to the keyframe
+    afterwards.
     """
     check_reach(door, robot, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement

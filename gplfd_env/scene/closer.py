@@ -1,7 +1,7 @@
 """Model of a closer: springs that fade with the angle and one-way dampers.
 
 MuJoCo's joint springs and dampers depend on neither direction nor range. Three elements
-provide this without a callback:
+provide this without a callback, and none of them adds energy:
 
 * A torque T that falls linearly to zero at an angle φ₁ is the sum of the constant T,
   the stiffness -T/φ₁, and a tendon spring T/φ₁ that is slack below φ₁.
@@ -9,8 +9,6 @@ provide this without a callback:
   velocity towards the limit, and never negative.
 * Efficiency is Coulomb friction: opening and closing moment differ by twice the
   friction.
-
-None of them adds energy.
 """
 
 from typing import Final
@@ -20,17 +18,14 @@ import mujoco
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.motion import fading_torques, has_tendons
 
+# Torques that fade; each is a tendon of that name.
 _FADING: Final = ("stiction", "seal", "closer_boost")
-"""Torques that fade; each is a tendon of that name."""
-
 _CLOSING: Final = "closing_damper"
 _BACKCHECK: Final = "backcheck"
-_ANYWHERE: Final = 10.0
-"""An angle greater than every opening angle [rad]."""
-
+_ANYWHERE: Final = 10.0  # An angle greater than every opening angle [rad].
+# Impedance of a limit that acts as a damper: the least that MuJoCo allows, so that its
+# force does not depend on the other forces on the door.
 _SOFT: Final = 1e-4
-"""Impedance of a limit that acts as a damper: the least that MuJoCo allows, so that its
-force does not depend on the other forces on the door."""
 
 
 def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:

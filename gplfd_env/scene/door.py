@@ -1,7 +1,7 @@
 """The door as MuJoCo bodies: frame, leaf, hinge, mounted parts, and what is only seen.
 
 Visual-only geoms (casing, panels, far handle, closer) are in the geom group `GROUP` and
-have neither mass nor contact. Doors with a bar have only the visuals of a closer.
+have neither mass nor contact.
 """
 
 import math
@@ -46,8 +46,7 @@ NOMINAL_MASS: Final = 12.0
 """Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
 
 _JAMB: Final = 0.05
-_GAP: Final = 0.004
-"""Gap between a leaf and the parts beside it [m]."""
+_GAP: Final = 0.004  # Gap between a leaf and the parts beside it [m].
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
@@ -151,9 +150,8 @@ def _add_joints(
 ) -> mujoco.MjsBody:
     """Add the joints between frame and leaf; return the leaf's body.
 
-    The coordinate of the joint ``hinge`` is φ of `gplfd_env.doors.motion`. If no joint
-    of the leaf has this coordinate, ``hinge`` belongs to a body without a shape.
-    Equality constraints couple the other joints to it.
+    The coordinate of the joint ``hinge`` is φ of `gplfd_env.doors.motion`, if need be
+    on a body without a shape. Equality constraints couple the other joints to it.
     """
     links, leaf = links_of(door), frame
     origin = np.array([0.0, 0.0, -door.hinge_sign * door.hand_radius])
@@ -438,10 +436,9 @@ def add_closer_visuals(
     door: DoorConfig,
     top: float,
 ) -> None:
-    """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
+    """Add a closer's box on the leaf, its shoe on the frame, and a tendon as its arm.
 
-    The arm is one straight tendon without force; two links would need additional bodies
-    and joints. Doors without a visible closer have the same parts, but transparent.
+    Doors without a visible closer have the same parts, but transparent.
     """
     opacity, radius = _looks_of_closer(door)
     colour, side = (*_ALUMINIUM, opacity), door.hinge_sign

@@ -1,10 +1,9 @@
 """Handle and latch as MuJoCo geoms.
 
-A handle is a bar on the leaf, or turns. The latch is a spring-loaded bolt, a slide
-joint in the leaf. Its round nose collides only with the strike in the frame, a wedge
-whose upright face holds the door and whose bevel pushes the bolt in when the door
-closes. The limit of a tendon retracts the bolt with the handle beyond its dead travel;
-the handle returns without the bolt.
+The latch is a spring-loaded bolt, a slide joint in the leaf. Its round nose collides
+only with the strike in the frame, a wedge whose upright face holds the door and whose
+bevel pushes the bolt in when the door closes. The limit of a tendon retracts the bolt
+with the handle beyond its dead travel; the handle returns without the bolt.
 """
 
 import math
@@ -21,15 +20,14 @@ from gplfd_env.scene.shapes import STEEL, add_box, add_rod
 
 BAR_HALF_LENGTH: Final = 0.10
 
+# Distance from the grasped point to the ends of the rod of a paddle or thumb piece [m].
 _ROD: Final = 0.05
-"""Distance from the grasped point to the ends of the rod of a paddle or thumb piece
-[m]."""
-_TOUCH_BAR: Final = 0.65
-"""Length of a touch bar, as a share of the leaf's width."""
-
+_TOUCH_BAR: Final = 0.65  # Length of a touch bar, as a share of the leaf's width.
+# Damping: about critical for the spring and inertia of a touch bar [N m s/rad].
 _ROCKER_DAMPING: Final = 0.15
-"""Damping: about critical for the spring and inertia of a touch bar [N m s/rad]."""
-
+# The only geom that collides with the hand; its contact parameters have priority. A
+# short time constant, above two physics steps, keeps the creep under a sustained pull
+# small.
 _HELD: Final[dict[str, Any]] = {
     "name": "handle_bar",
     "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -41,10 +39,6 @@ _HELD: Final[dict[str, Any]] = {
     "solref": [0.005, 1.0],
     "priority": 1,
 }
-"""The only geom that collides with the hand; its contact parameters have priority. A
-short time constant keeps the creep under a sustained pull below a millimetre; it must
-exceed two physics steps."""
-
 _BALL: Final = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
 
 
@@ -52,8 +46,8 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
     """Add a bar: the geom ``handle_bar`` and the site ``handle``.
 
     The leaf's surface is at `foot` along x, the grasped point `height` above the middle
-    [m]. The bar is vertical, that of a flap is level. A flap also has the site
-    ``leaf_axes``, whose axes are along the motion, along the hinge and away from it.
+    [m]. The bar of a flap is level; its site ``leaf_axes`` has axes along the motion,
+    along the hinge and away from it.
     """
     level = door.level
     up = -1.0 if door.hinge_side == "top" else 1.0
@@ -78,9 +72,8 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
 def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a lever that points to the hinge, or a knob, on the joint ``handle``.
 
-    A positive angle presses the lever down; a knob turns the same way. The return
-    spring holds it at zero. The site ``handle`` turns with it; ``leaf_axes`` at the
-    same place does not.
+    A positive angle presses the lever down; a knob turns the same way. The site
+    ``handle`` turns with it; ``leaf_axes`` at the same place does not.
     """
     reach, grip = door.hinge_sign * door.radius, door.hinge_sign * door.hand_offset
     axis = [-door.hinge_sign, 0, 0]
@@ -101,10 +94,9 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
 def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
 
-    The hand holds a horizontal rod that turns about an axis parallel to it
-    (`gplfd_env.doors.geometry`). The geom that touches the hand, ``handle_bar``, is a
-    sphere, so that the hand may turn about the vertical, as flat fingers can. The sites
-    are those of a lever.
+    The hand holds a horizontal rod that turns about an axis parallel to it. The geom
+    that touches the hand, ``handle_bar``, is a sphere, so that the hand may turn about
+    the vertical, as flat fingers can. The sites are those of a lever.
     """
     reach = door.hinge_sign * door.radius
     spindle, axis = handle_axis(door)
@@ -165,41 +157,32 @@ def set_spring(
     model.qpos_spring[handle.qposadr[0]] = -preload / stiffness
 
 
-_NOSE: Final = 0.003
-"""Radius of the bolt's nose [m]."""
+_NOSE: Final = 0.003  # Radius of the bolt's nose [m].
 
 GAP: Final = 0.003
 """Gap between leaf and frame: a bolt that protrudes by less does not hold the door
 [m]."""
 
+# Distance between the bolt of a closed door and the strike [m].
 _CLEARANCE: Final = 0.001
-"""Distance between the bolt of a closed door and the strike [m]."""
-
+# Length and rise of the strike's bevel [m]; more than the longest bolt needs.
 _BEVEL: Final = 0.018
-"""Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
-
+# Angle by which the strike's upright face recedes behind its edge [rad]: the edge then
+# loads the flank of the bolt, and the 2 kN of a mobile robot do not push the bolt in.
 _UNDERCUT: Final[dict[Base, float]] = {"fixed": 0.0, "mobile": math.radians(3.0)}
-"""Angle by which the strike's upright face recedes behind its edge [rad]. The edge then
-loads the flank of the bolt and does not push it in while the leaf deflects by less.
-Without it, the 2 kN of a mobile robot that hits the door push the bolt in."""
-
+# Impedance of bolt and strike (MuJoCo's ``solimp``).
 _CONTACT: Final[dict[Base, list[float]]] = {
     "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],
     "mobile": [0.99, 0.999, 0.001, 0.5, 2.0],
 }
-"""Impedance of bolt and strike (MuJoCo's ``solimp``; its default if the base is
-fixed)."""
-
 _HALF_HEIGHT: Final = 0.03
-
+# Rotations by 180° that mirror the strike, which is symmetric above and below.
 _MIRRORED: Final = {
     ("pull", "right"): (1.0, 0.0, 0.0, 0.0),
     ("push", "right"): (0.0, 0.0, 0.0, 1.0),
     ("pull", "left"): (0.0, 1.0, 0.0, 0.0),
     ("push", "left"): (0.0, 0.0, 1.0, 0.0),
 }
-"""Rotations by 180° that mirror the strike, which is symmetric above and below."""
-
 _BOLT_MASS: Final = 0.1
 
 PLAY: Final = math.radians(1.0)
@@ -214,11 +197,10 @@ def add_latch(
     lock_edge: float,
     base: Base,
 ) -> None:
-    """Add bolt, strike and the tendon that retracts the bolt.
+    """Add the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and a tendon.
 
-    They are the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
-    ``retraction`` between the joints ``handle`` and ``bolt``. The leaf's free edge is
-    at `lock_edge`, task-frame z [m].
+    The tendon ``retraction`` between the joints ``handle`` and ``bolt`` retracts the
+    bolt. The leaf's free edge is at `lock_edge`, task-frame z [m].
     """
     side = door.hinge_sign
     edge = side * (door.radius + door.leaf.backset)

@@ -20,7 +20,6 @@ from gplfd_env.scene.door import Structure
 
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
 _JOINT: Final = mujoco.mjtObj.mjOBJ_JOINT
-
 _CONTACT_FOUND: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
 _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3

@@ -39,8 +39,8 @@ WORLD_FIELDS: Final = (
 """Fields of the model that differ between simulations: those in which the physics of
 two doors of the same structure can differ."""
 
+# State that a simulation keeps from one step to the next, besides its controls.
 _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
-"""State that a simulation keeps from one step to the next, besides its controls."""
 
 
 class WarpPhysics(SameStructureBatch):

@@ -13,11 +13,10 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+# Below this angle [rad] the axis of a rotation is rounding error.
 _IDENTITY_ANGLE = 1e-9
-"""Below this angle [rad] the axis of a rotation is rounding error."""
-
+# Tolerance of the norm: two decimals per component give norms within 0.01 of one.
 _QUATERNION_NORM_TOLERANCE = 0.05
-"""Tolerance of the norm: two decimals per component give norms within 0.01 of one."""
 
 
 def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:

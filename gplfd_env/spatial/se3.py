@@ -22,8 +22,8 @@ from gplfd_env.spatial.rotation_paths import (
 
 Array = npt.NDArray[np.float64]
 
+# Angles and axis components closer than this to π or 0 count as equal to it.
 _ROUNDING = 1e-12
-"""Angles and axis components closer than this to π or 0 count as equal to it."""
 
 
 def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:

@@ -71,8 +71,7 @@ Thing = TypeVar("Thing")
 REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
 """Terms of the reward, by name of the reward."""
 
-_CLOSED: Final = [0.0] * 6
-"""Pose of a hand that holds the closed handle."""
+_CLOSED: Final = [0.0] * 6  # Pose of a hand that holds the closed handle.
 
 
 class Constants(NamedTuple):

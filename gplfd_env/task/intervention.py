@@ -1,7 +1,7 @@
 """Effect of a disturbance on one simulation in each control period.
 
 Forces are constant during a control period, like commands; they are computed from the
-readings at its beginning. Single and many simulations use the same arithmetic.
+readings at its beginning.
 """
 
 import math
@@ -16,28 +16,22 @@ from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.simulation.command import Loads, Vector
 from gplfd_env.task.observation import DoorReading
 
+# Integration steps of the person's hand per control period: 0.2 ms, a fortieth of the
+# oscillation period of the stiffest hand.
 _SUBSTEPS: Final = 50
-"""Integration steps of the person's hand per control period: 0.2 ms, a fortieth of the
-oscillation period of the stiffest hand."""
-
+# The door touches a stop if it is nearer than this [rad], and has broken away after
+# moving by this angle.
 _TOUCH: Final = math.radians(0.5)
-"""The door touches a stop if it is nearer than this [rad], and has broken away after
-moving by this angle."""
-
 _NOTHING: Final = (0.0, 0.0, 0.0)
 
 
 class Intervention:
     """Executes the disturbance of an episode.
 
-    Attributes:
-        push_force: Force of the push in the last period [N].
-        person_force: Greatest force between person and robot or door in the last
-            period [N].
-        person_energy: Work done on the person since the reset [J].
-        base_shift: Displacement of the base so far, task frame [m].
-        base_distance: Its magnitude [m].
-        base_velocity: Rate of the displacement [m/s].
+    After `loads`, it has the force of the push and the greatest one between person and
+    robot or door in this period [N], the work done on the person since the reset [J],
+    and the displacement of the base in the task frame [m], its magnitude and its rate
+    [m/s].
     """
 
     def __init__(self, variation: Variation, robot: RobotConfig) -> None:
@@ -143,15 +137,11 @@ class PersonHand:
     """A person's hand on the handle's circle: a mass between two spring-dampers.
 
     x is the displacement of the person's hand since it took hold, s the arc of the body
-    that it touches. m ẍ = f - k_a x - d_a ẋ, with the contact force
-    f = k_c (s - x) + d_c (ṡ - ẋ), never negative if the person only stands in the way.
-    Integrated in `_SUBSTEPS` semi-implicit Euler steps per control period, during which
-    s continues at its last rate. The handle's circle has a `radius` [m].
-
-    Attributes:
-        on: The touched body.
-        peak: Greatest magnitude of f in the last period [N].
-        energy: ∫ f ds since the reset [J].
+    that it touches. m ẍ = f - k_a x - d_a ẋ, with the contact force f = k_c (s - x) +
+    d_c (ṡ - ẋ), never negative if the person only stands in the way. Integrated in
+    `_SUBSTEPS` semi-implicit Euler steps per control period, during which s continues
+    at its last rate. The circle has a `radius` [m]; `peak` is the greatest |f| in the
+    last period [N], `energy` is ∫ f ds since the reset [J].
     """
 
     def __init__(self, person: Person, radius: float) -> None:

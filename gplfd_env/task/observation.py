@@ -1,8 +1,7 @@
-"""Conversion of MuJoCo's sensor array to the observation and to privileged readings.
+"""Conversion of MuJoCo's sensors to observations and privileged readings.
 
-Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms before
-``time``, like the readings of a real controller. Readings are numbers for one
-simulation, or arrays (n,).
+Every number is sampled in the last physics step, 2 ms before ``time``, like the
+readings of a real controller. Readings are numbers for one simulation, or arrays (n,).
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Sensor values: a list for one simulation, or an array (number, n)."""
 
+# Range of the measured width [m], at whose ends the sensor saturates.
 _WIDTHS: Final = (-0.01, GRIPPER_WIDTH + 0.01)
-"""Range of the measured width [m], at whose ends the sensor saturates."""
+# Slice of a door's readings: whether right and left finger touch the handle.
 _TOUCHING: Final = slice(17, 19)
-"""Slice of a door's readings: whether right and left finger touch the handle."""
 
 
 def observation_space(
@@ -84,8 +83,8 @@ class Reader:
     `hand` is the body carried by the wrist sensor. The slices give positions in the
     array: `wrist` is force, torque and the sensor's three axes; `door` goes from the
     hinge angle to the torque at its stop, followed by handle and bolt if there are any;
-    `odometry` is pose and rate of a mobile base; `hinge_end` is the index of the torque
-    at the hinge's own limit, which is added; `finger` is a movable finger.
+    `odometry` is pose and rate of a mobile base; `finger` is a movable finger. The
+    torque at the hinge's own limit, at the index `hinge_end`, is added.
     """
 
     hand: Hand
@@ -115,8 +114,7 @@ class Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
         One scene is used for all doors, because the hand holds the same handle in all
-        of them and settled fingers differ by only a micrometre. The bar of a flap is
-        `level`.
+        of them and settled fingers differ by only a micrometre.
         """
         door = DoorConfig(handle=handle, swing=swing)
         if level:
@@ -271,11 +269,7 @@ class DoorReading(NamedTuple):
     bolt: Number  # Retraction of the bolt [m]; 0 without a latch.
 
     def handle_rotation(self, path: LeafPath) -> Vector:
-        """Return the handle's rotation vector [rad].
-
-        The handle turns about its own axis, normal to the closed leaf, and then with
-        the leaf.
-        """
+        """Return the handle's rotation vector: its own turn, then the leaf's [rad]."""
         about_up = path.upright * self.angle
         turned = self.handle_angle != 0.0
         level = where(path.level != 0.0, path.level * self.angle, 0.0)

@@ -42,9 +42,7 @@ _GRASPED, _TURNED, _UNLATCHED = 1, 2, 3
 _OPENED: Final = tuple(math.radians(degrees) for degrees in (15, 30, 60, 90))
 _HELD, _RELEASED, _CLOSED = 8, 9, 10
 _CLOSED_ANGLE: Final = math.radians(1.0)
-
-_TURN: Final = 0.5
-"""Share of its travel beyond which a handle counts as turned."""
+_TURN: Final = 0.5  # Share of its travel beyond which a handle counts as turned.
 
 REASONS: Final = (*FAILURES, "blocked", "out_of_reach", "too_heavy", "handle_lost")
 """Reasons why an episode fails, by number: one of `FAILURES`, or its cause."""
@@ -55,8 +53,8 @@ HEAVY_FORCE: Final = 20.0
 """Force of the hand above which a door counts as too heavy [N]: the friction grasp
 holds this force in every direction."""
 
+# Time for which a cause is remembered as the reason of a lost handle [s].
 _REMEMBERED: Final = 0.5
-"""Time for which a cause is remembered as the reason of a lost handle [s]."""
 
 
 def turned_angle(door: DoorConfig) -> float:

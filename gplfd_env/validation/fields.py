@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 Record = TypeVar("Record", bound=Any)
 
-_RANGE: Final = "range"
-"""Key of a field's metadata."""
+_RANGE: Final = "range"  # Key of a field's metadata.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

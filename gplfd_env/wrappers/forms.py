@@ -16,10 +16,8 @@ from gplfd_env.validation.fields import real_array
 
 LIMITS: Final = (0.03, 0.1)
 """Greatest distance of the set-point from the hand: per axis [m], per component [rad].
-
-With the servo's 2000 N/m and 100 N m/rad they correspond to 60 N and 10 N m; its
-damping limits the free hand to 0.34 m/s and 1.3 rad/s.
-"""
+With the servo's stiffness they correspond to 60 N and 10 N m; its damping limits the
+free hand to 0.34 m/s and 1.3 rad/s."""
 
 _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
 
@@ -27,14 +25,10 @@ _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
 def command_of(
     action: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
 ) -> Array:
-    """Return the commanded poses for actions: hand + limits · action.
+    """Return the commanded poses for actions: hand + limits · action, each (..., 6).
 
-    Position and rotation vector are added component by component, in the task frame.
-
-    Args:
-        action: (..., 6), clamped to ±1; values that are not finite are kept.
-        hand: Observed poses of the hand, (..., 6) [m, rad].
-        limits: As in `RelativeAction`.
+    The actions are clamped to ±1; values that are not finite are kept. Position [m] and
+    rotation vector [rad] are added component by component, in the task frame.
     """
     numbers = np.asarray(action, dtype=np.float64)
     clamped = np.where(np.isfinite(numbers), np.clip(numbers, -1.0, 1.0), numbers)
@@ -44,11 +38,7 @@ def command_of(
 def action_of(
     command: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
 ) -> Array:
-    """Return the actions for commanded poses, not clamped, (..., 6).
-
-    The inverse of `command_of`, up to rounding, if no entry exceeds ±1. For imitation
-    of an agent that commands poses.
-    """
+    """Return actions for commanded poses, not clamped: the inverse of `command_of`."""
     offset = np.asarray(command, dtype=np.float64) - hand
     return np.asarray(offset / np.repeat(limits, 3))
 
@@ -83,8 +73,7 @@ class _Relative:
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
         """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
 
-        Actions of simulations that are being reset or stand still are ignored. Raises a
-        ValueError for a wrong shape or a number that is not finite.
+        Raises a ValueError for a wrong shape or a number that is not finite.
         """
         if self._hand is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
@@ -108,17 +97,10 @@ class _Relative:
 class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
     """Define the set-point relative to the hand by an action within ±1.
 
-    The command is the observed pose of the hand plus the limits times the action. Thus
-    a zero action keeps the hand where it is, and the limits bound the force of the
-    servo. For ``gplfd/DoorOpening-v1`` and other environments that command poses and
-    observe ``ee_pose``.
-
-    Args:
-        env: Its observation is a dictionary, its action a pose (6,).
-        limits: Distance for an action of 1 per axis [m], angle per component [rad].
-
-    Raises:
-        ValueError: The environment's action is not a pose, or a limit is not positive.
+    The command is the observed pose of the hand plus the limits (distance per axis [m],
+    angle per component [rad]) times the action. A zero action keeps the hand where it
+    is, and the limits bound the force of the servo. Raises a ValueError if the
+    environment's action is not a pose, or a limit is not positive.
     """
 
     def __init__(
@@ -149,10 +131,7 @@ Flat = NDArray[np.float32]
 
 
 def flat_of(observation: Mapping[str, Any]) -> Flat:
-    """Concatenate the vectors of a dictionary in order of names, (..., m).
-
-    For a policy that was trained on vectors and receives a dictionary.
-    """
+    """Concatenate the vectors of a dictionary in order of names, (..., m)."""
     vectors = [observation[name] for name in sorted(observation)]
     return np.concatenate(vectors, axis=-1, dtype=np.float32)
 
@@ -181,11 +160,8 @@ class _Flat:
 class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
     """Concatenate the entries of the observation in the order of their names.
 
-    The order is the same as in Gymnasium's `FlattenObservation`; docs/environment.md
-    lists the indices.
-
-    Args:
-        env: Its observation space is a dictionary of vectors.
+    This is the order of Gymnasium's `FlattenObservation`; docs/environment.md lists the
+    indices. The observation space is a dictionary of vectors.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
@@ -245,11 +221,10 @@ class _Coded:
 
 
 class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
-    """Replace the strings of ``info`` by integers.
+    """Replace the strings of ``info`` by integers, for code that accepts only numbers.
 
     ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
-    `REASONS` and `gplfd_env.task.stages.STAGES`. For code that accepts only numbers,
-    such as `gymnasium.wrappers.NumpyToTorch`.
+    `REASONS` and `gplfd_env.task.stages.STAGES`.
     """
 
 

@@ -25,17 +25,15 @@ FORCE_SCALE: Final = 20.0
 SLIP_SCALE: Final = 0.02
 """Slip with the same cost [m]: here the handle leaves the fingers."""
 
+# Forces that are not needed to open: across the handle's path, on people, on stops [N].
 _HARMFUL: Final = ("force_radial", "person_force", "stop_force")
-"""Forces that are not needed to open: across the handle's path, on people, on stops
-[N]."""
 
 
 class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
     """Reward the opening, with costs for the greatest force and the greatest slip.
 
-    Adds to ``info``: ``peak_force`` [N] and ``peak_slip`` [m] so far, ``return``, the
-    sum of the rewards so far, and this reward's ``reward_terms``: ``progress``,
-    ``force``, ``slip``, ``success``.
+    Adds to ``info``: ``peak_force`` [N], ``peak_slip`` [m] and ``return`` so far, and
+    this reward's ``reward_terms``: ``progress``, ``force``, ``slip``, ``success``.
     """
 
     _score: "Score"

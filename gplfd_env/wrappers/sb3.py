@@ -25,13 +25,12 @@ except ImportError as error:
 
 __all__ = ["SB3VecEnv", "make_sb3"]
 
+# Attributes of single environments, and the matching attributes of the vector one.
 _OF_EACH: Final = {
     "variation": "variations",
     "door_geometry": "door_geometries",
     "model": "models",
 }
-"""Attributes of single environments, and the matching attributes of the vector one."""
-
 _NONE_ALONE: Final = (
     "the simulations are one environment without attributes or methods of their own: "
     "give differing values to gym.make_vec, or use Stable-Baselines3's DummyVecEnv"
@@ -43,10 +42,7 @@ def make_sb3(
 ) -> VecEnv:
     """Return n doors on threads, for ``stable_baselines3.PPO("MlpPolicy", ...)``.
 
-    Args:
-        num_envs: Number of simulations n.
-        id: One of the ids of `gplfd_env`.
-        arguments: As for `gymnasium.make_vec`.
+    The id is one of `gplfd_env`, the arguments are those of `gymnasium.make_vec`.
     """
     arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
     return SB3VecEnv(gym.make_vec(id, num_envs, **arguments))
@@ -56,15 +52,10 @@ class SB3VecEnv(VecEnv):
     """A Gymnasium vector environment with the interface of Stable-Baselines3.
 
     The results equal those of Stable-Baselines3's `DummyVecEnv` of single environments
-    bit for bit: rewards in float32; one info dictionary per simulation, with
+    bit for bit: rewards in float32; one info per simulation, with
     ``TimeLimit.truncated`` and, after the end of an episode, ``terminal_observation``;
-    `reset_infos` from the resets.
-
-    Args:
-        envs: A vector environment with ``autoreset_mode="SameStep"``.
-
-    Raises:
-        ValueError: `envs` has another autoreset mode.
+    `reset_infos` from the resets. Raises a ValueError if the autoreset mode of the
+    vector environment is not ``"SameStep"``.
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
@@ -126,8 +117,8 @@ class SB3VecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of some simulations, by default of all.
 
-        ``"variation"``, ``"door_geometry"`` and ``"model"`` differ between simulations;
-        all other attributes are those of the vector environment.
+        Those of `_OF_EACH` differ between simulations; all others are the vector
+        environment's.
         """
         rows = list(self._get_indices(indices))
         if attr_name in _OF_EACH:
