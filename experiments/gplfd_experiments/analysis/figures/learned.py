@@ -35,10 +35,8 @@ def door_colours(radii: tuple[float | None, ...]) -> dict[float | None, str]:
 
 def fig06(material: Material) -> tuple[Figure, str]:
     """Draw three rows of six panels: demonstrations, aligned, and the policy."""
-    recorded, radii = (
-        material.demonstrations.demonstrations,
-        material.demonstrations.radii,
-    )
+    labelled = material.demonstrations
+    recorded, radii = labelled.demonstrations, labelled.radii
     aligned = (skill := fit_skill(align(recorded))).aligned
     policy = skill.predict(aligned.times)
     colours = door_colours(radii)
@@ -88,18 +86,14 @@ def fig06(material: Material) -> tuple[Figure, str]:
     within = np.mean([door.var(axis=0) for door in doors], axis=0).mean(axis=0)
     between = np.var([door.mean(axis=0) for door in doors], axis=0).mean(axis=0)
     ratio = np.sqrt(between / within)
-    largest = zip(OUTPUTS, 1e3 * policy.std.max(axis=0), UNITS, strict=True)
-    listed = ", ".join(f"{o.strip('$')} {std:.0f} m{unit}" for o, std, unit in largest)
     return figure, (
         f"{len(recorded)} demonstrations of opening {len(set(radii))} doors by the "
         "synthetic human: as recorded, aligned by the task completion index, and the "
         "heteroscedastic Gaussian process learned from them with its 95 % interval "
-        "(Student t). Positions share one scale and rotations another, except where a "
-        "panel says how much it is enlarged. As in the paper's Fig. 6, the aligned x "
-        f"and z fall into one group per door. Largest standard deviation: {listed}. "
-        f"Spread between doors over spread on one door: {ratio[X]:.0f} in x, "
-        f"{ratio[Z]:.0f} in z. Unlike in the paper, θu_y varies no more than the other "
-        "rotations, because all doors are opened to nearly one angle."
+        "(Student t). As in the paper's Fig. 6, the aligned x and z fall into one "
+        f"group per door. Spread between doors over spread on one door: {ratio[X]:.0f} "
+        f"in x, {ratio[Z]:.0f} in z. Unlike in the paper, θu_y varies no more than the "
+        "other rotations, because all doors are opened to nearly one angle."
     )
 
 
@@ -122,11 +116,6 @@ def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:
     return least
 
 
-def arc(radius: float, angles: FloatArray) -> FloatArray:
-    """True path of a handle in the plane, (N, 2) [m]."""
-    return handle_pose_on_arc(radius, angles)[:, PLANE]
-
-
 def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
     """Shade the union of the policy's 95 % regions over all phases."""
     limit = squared_radius(policy.degrees_of_freedom)
@@ -143,10 +132,8 @@ def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
 
 def fig07(material: Material) -> tuple[Figure, str]:
     """Draw the policy's regions, demonstrations and arcs at equal scales."""
-    recorded, radii = (
-        material.demonstrations.demonstrations,
-        material.demonstrations.radii,
-    )
+    labelled = material.demonstrations
+    recorded, radii = labelled.demonstrations, labelled.radii
     skill = fit_skill(align(recorded))
     policy = skill.predict(np.linspace(0.0, 1.0, 201))
     angle = float(np.mean([motion.poses[-1, 4] for motion in recorded]))
@@ -166,7 +153,7 @@ def fig07(material: Material) -> tuple[Figure, str]:
         axes.plot(*poses[:, PLANE].T, color=style.DEMONSTRATION, linewidth=0.6)
     axes.lines[-1].set_label("demonstrations")
     arcs = {
-        radius: arc(radius, np.linspace(0.0, angle, 200))
+        radius: handle_pose_on_arc(radius, np.linspace(0.0, angle, 200))[:, PLANE]
         for radius in sorted({radius for radius in radii if radius is not None})
     }
     for radius, path in arcs.items():
@@ -176,26 +163,17 @@ def fig07(material: Material) -> tuple[Figure, str]:
     axes.set(xlabel="$x$ [m], along the pull", ylabel="$z$ [m], across it", aspect=1)
     figure.legend(loc="outside upper center", ncols=3)
 
-    # Samples inside the wide and the narrow region: of any phase, and of their phase.
-    present = skill.predict(skill.aligned.times)
-    deviation = (skill.aligned.poses - present.mean)[:, :, PLANE] / present.std[
-        :, PLANE
-    ]
     from_arcs = distance(policy, np.vstack(list(arcs.values())))
     limits = [squared_radius(free) for free in (policy.degrees_of_freedom, None)]
     wide, narrow = (int((from_arcs <= limit).sum()) for limit in limits)
-    own = (deviation**2).sum(axis=2)
-    aligned = [f"{100.0 * float((own <= limit).mean()):.1f} %" for limit in limits]
     return figure, (
         "The policy learned from the demonstrations of Fig. 6 in the plane in which "
-        "doors open (the closed handle at the origin, equal scales): mean (dotted), "
-        "demonstrations, the true arcs of the doors, and the unions of the joint 95 % "
-        "regions of x and z over all phases: the wide one with Hotelling's quantile "
-        f"for {len(recorded)} demonstrations, the narrow one with the normal quantile, "
-        "for a known spread. The paper's Fig. 7 shows one region. Of "
-        f"{from_arcs.size} samples of the arcs, {wide} are inside the wide region and "
-        f"{narrow} inside the narrow one; of the aligned demonstrations, {aligned[0]} "
-        f"and {aligned[1]} of the samples are inside at their own phase. Independent "
+        "doors open (the closed handle at the origin): mean, demonstrations, the true "
+        "arcs of the doors, and the unions of the joint 95 % regions of x and z over "
+        f"all phases: the wide one with Hotelling's quantile for {len(recorded)} "
+        "demonstrations, the narrow one for a known spread. The paper's Fig. 7 shows "
+        f"one region. Of {from_arcs.size} samples of the arcs, {wide} are inside the "
+        f"wide region and {narrow} inside the narrow one. Independent "
         "outputs give an ellipse parallel to the axes at each phase, although x and z "
         "are correlated over the doors."
     )

@@ -124,15 +124,13 @@ def fig10(material: Material) -> tuple[Figure, str]:
     )
     tight, printed = bounds(profile)
     return figure, (
-        "(a, d) Stiffness along and across the path while an ordinary and a heavy door "
-        "open, and (dashed) by the same law for the uncertainty without via-points. "
-        "(b, e) Decrease rate of the uncertainty that sets the stiffness, one dot per "
-        f"control step, against Eq. (28) with the tight constant ({tight:.4f} m/s) and "
-        f"the printed one ({printed:.4f} m/s). (c, f) Rate of the stiffness over the "
-        "bound at the present stiffness, tight form of Eq. (23): below 1 the virtual "
-        "dynamics are stable. The paper's Fig. 10 compares +dσ/dt with the bound; "
-        "because decreasing uncertainty raises the stiffness, this figure uses -dσ/dt. "
-        "Every via-point reduces σ at once, so that some steps exceed Eq. (28). "
+        "(a, d) Stiffness while an ordinary and a heavy door open, and (dashed) by the "
+        "same law without via-points. (b, e) Decrease rate of the uncertainty, one dot "
+        f"per control step, against Eq. (28) with the tight constant ({tight:.4f} m/s) "
+        f"and the printed one ({printed:.4f} m/s); the paper's Fig. 10 compares "
+        "+dσ/dt, but decreasing uncertainty raises the stiffness. (c, f) Rate of the "
+        "stiffness over the bound, tight form of Eq. (23): below 1 the virtual "
+        "dynamics are stable. "
         f"{'; '.join(numbers)}. Eq. (28) is sufficient, not necessary; the condition "
         "itself (c, f) holds, because the governor limits the stiffness."
     )

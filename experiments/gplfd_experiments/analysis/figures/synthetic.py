@@ -37,10 +37,8 @@ from gplfd_policies.movements.skill import fit_skill
 HEIGHT: Final = 1
 """Output in figures of one dimension: y, upwards."""
 PHASES: Final = np.linspace(0.0, 1.0, 201)
-PHASES.flags.writeable = False
 """Phases of `constrained_set`, (201,)."""
-_CORRELATION: Final = 0.25
-"""Correlation length of the deviation of a repetition, in phase."""
+_CORRELATION: Final = 0.25  # Correlation length of a repetition's deviation, in phase.
 
 
 def true_spread(phases: FloatArray) -> FloatArray:
@@ -91,6 +89,13 @@ _NOISES: Final[Mapping[str, str | NoiseModel]] = {
     "likely": "homoscedastic",
     "local": "map",
 }
+_COVERAGES: Final = (
+    ("low", "ends (a)", style.BEFORE, ":"),
+    ("high", "middle (b)", style.BEFORE, "--"),
+    ("likely", "most likely", style.AXIS_X, "-"),
+    ("local", "local (c)", style.ADAPTED, "-"),
+)
+"""Noise, label, colour and line of a curve of coverage."""
 
 
 def expected_coverage(rng: np.random.Generator) -> tuple[float, float]:
@@ -101,8 +106,7 @@ def expected_coverage(rng: np.random.Generator) -> tuple[float, float]:
     free = _REPETITIONS - 1
     spread = np.sqrt(rng.chisquare(free, (10_000, _SETS)) / free)
     mean = np.sqrt(1.0 / _REPETITIONS) * rng.standard_normal(spread.shape)
-    student = float(stdtrit(free, 0.975))
-    half = student * np.sqrt(1.0 + 1.0 / _REPETITIONS) * spread
+    half = float(stdtrit(free, 0.975)) * np.sqrt(1.0 + 1.0 / _REPETITIONS) * spread
     estimated = (ndtr(mean + half) - ndtr(mean - half)).mean(axis=1)
     low, high = np.quantile(estimated, [0.025, 0.975])
     return float(low), float(high)
@@ -147,12 +151,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
     axes["d"].legend(["true spread", "heteroscedastic GP"], loc="lower center")
     axes["e"].axhspan(low, high, color="0.92", linewidth=0.0, label="sampling error")
     axes["e"].axhline(95.0, color="0.5", linewidth=0.6)
-    for name, label, colour, line in (
-        ("low", "ends (a)", style.BEFORE, ":"),
-        ("high", "middle (b)", style.BEFORE, "--"),
-        ("likely", "most likely", style.AXIS_X, "-"),
-        ("local", "local (c)", style.ADAPTED, "-"),
-    ):
+    for name, label, colour, line in _COVERAGES:
         share = inside[name]
         axes["e"].plot(PHASES, share, color=colour, linestyle=line, label=label)
     axes["e"].set(ylabel="repetitions inside [%]", ylim=(0.0, 102.0))
@@ -172,15 +171,14 @@ def fig02(material: Material) -> tuple[Figure, str]:
     )
     local = inside["local"]
     return figure, (
-        f"Height of the hand in {_REPETITIONS} synthetic pick-and-place motions with "
-        "constrained ends and a free middle. (a, b) Gaussian processes with one noise "
-        "level, that of the ends or of the middle; the paper does not say why its two "
-        "differ. (c) Heteroscedastic process; (d) its standard deviation. (e) Share of "
-        f"{_FRESH} new repetitions inside the 95 % band, mean over {_SETS} sets; grey: "
-        "range of this mean if the spread is estimated at each phase "
-        f"({low:.0f} to {high:.0f} %). Measured at the ends and in the middle: "
-        f"{covered}. Local noise: {local.mean():.1f} % on average, {local.min():.0f} "
-        f"to {local.max():.0f} % at its phases."
+        f"Height of the hand in {_REPETITIONS} synthetic pick-and-place motions. "
+        "(a, b) One noise level, that of the ends or of the middle; the paper does not "
+        "say why its two differ. (c) Heteroscedastic process; (d) its standard "
+        f"deviation. (e) Share of {_FRESH} new repetitions inside the 95 % band, mean "
+        f"over {_SETS} sets; grey: range of this mean if the spread is estimated at "
+        f"each phase ({low:.0f} to {high:.0f} %). Measured at the ends and in the "
+        f"middle: {covered}. Local noise: {local.mean():.1f} % on average, "
+        f"{local.min():.0f} to {local.max():.0f} % at its phases."
     )
 
 
@@ -189,9 +187,8 @@ def fig02(material: Material) -> tuple[Figure, str]:
 LEVELS: Final = (0.12, 0.45)
 """Heights of the shelves [m]."""
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
-_PER_LEVEL: Final = 3
-_RATE: Final = 60.0
-"""Sampling rate of `shelf_motions` [Hz]."""
+_PER_LEVEL, _RATE = 3, 60.0
+"""Motions per shelf, and their sampling rate [Hz]."""
 _METHODS: Final[Mapping[str, AlignmentMethod]] = {
     "euclidean": "dtw-euclidean",
     "completion": "interpolation",
@@ -199,7 +196,7 @@ _METHODS: Final[Mapping[str, AlignmentMethod]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class ShelfMotion:
     """One placing of an object on a shelf."""
 
@@ -221,23 +218,18 @@ def shelf_motions(rng: np.random.Generator) -> list[ShelfMotion]:
             poses = 0.002 * smooth_functions(times, 0.8, 6, motion_rng)
             poses[:, 0] += 0.15 * progress
             poses[:, HEIGHT] += level * progress + 0.02 * np.sin(np.pi * progress)
-            motion = ShelfMotion(
-                level=level,
-                demonstration=Demonstration(times=times, poses=poses),
-                progress=progress,
-            )
-            motions.append(motion)
+            demonstration = Demonstration(times=times, poses=poses)
+            motions.append(ShelfMotion(level, demonstration, progress))
     return motions
 
 
-def alignment_errors(
+def phase_errors(
     motions: list[ShelfMotion], aligned: Mapping[str, AlignedDemonstrations]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Return errors of phase, and of the ends [m], by alignment.
+) -> dict[str, float]:
+    """Return errors of phase by alignment; "clock" is without alignment.
 
-    The first is the difference of true progress between aligned samples, rms over
-    phases and motions; "clock" is without alignment. The second is the largest distance
-    of an aligned end from the recorded end.
+    The difference of true progress between aligned samples, rms over phases and
+    motions.
     """
     phases = np.linspace(0.0, 1.0, 200)
     # Motions scaled to the same duration, not aligned.
@@ -246,22 +238,18 @@ def alignment_errors(
         times = motion.demonstration.times
         scaled = np.interp(phases, times / times[-1], motion.progress)
         progress["clock"].append(scaled)
-    end_error = {}
     for name, demonstrations in aligned.items():
-        progress[name], ends = [], []
+        progress[name] = []
         for motion, poses in zip(motions, demonstrations.poses, strict=True):
             # An aligned pose has the progress of the nearest recorded pose, because the
             # motions do not cross themselves.
             recorded = motion.demonstration.poses[:, :3]
             distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
             progress[name].append(motion.progress[distance.argmin(axis=1)])
-            ends += [poses[end, :3] - recorded[end] for end in (0, -1)]
-        end_error[name] = max(float(np.linalg.norm(offset)) for offset in ends)
-    phase_error = {
+    return {
         name: float(np.sqrt(np.var(values, axis=0).mean()))
         for name, values in progress.items()
     }
-    return phase_error, end_error
 
 
 def fig03(material: Material) -> tuple[Figure, str]:
@@ -273,8 +261,8 @@ def fig03(material: Material) -> tuple[Figure, str]:
         name: align(demonstrations, method=method, trim_rests=False)
         for name, method in _METHODS.items()
     }
-    phase_error, end_error = alignment_errors(motions, aligned)
-    error = {name: 100.0 * value for name, value in phase_error.items()}
+    errors = phase_errors(motions, aligned)
+    error = {name: 100.0 * value for name, value in errors.items()}
 
     figure = style.new_figure(style.COLUMN, 3.4)
     (recorded, euclidean), (completed, index) = figure.subplots(2, 2)
@@ -299,34 +287,23 @@ def fig03(material: Material) -> tuple[Figure, str]:
     titles = "as recorded", "Euclidean DTW", "completion index", "the index itself"
     style.name_panels(figure.axes, titles)
 
-    step = {
-        name: 1e3 * np.abs(np.diff(way.poses[:, :, :3], 2, axis=1)).max()
-        for name, way in aligned.items()
-    }
     return figure, (
         f"{len(motions)} synthetic pick-and-place motions to shelves at "
         f"{LEVELS[0]:.2f} m and {LEVELS[1]:.2f} m. (a) As recorded. (b) Dynamic time "
         "warping on the distance of poses: the low motions arrive early and wait. (c) "
-        "Matched at equal task completion index, Eq. (16), both arrive together. (d) "
-        "The index. Unlike in the paper, (c) interpolates the index; warping on it has "
-        f"steps (largest second difference {step['dtw']:.1f} mm against "
-        f"{step['completion']:.1f} mm). Rms difference of true progress at equal "
-        f"phase: {error['clock']:.1f} % when only scaled to one duration, "
+        "Matched at equal task completion index, Eq. (16), by interpolation, where the "
+        "paper warps; (d) the index. Rms difference of true progress at equal phase: "
+        f"{error['clock']:.1f} % when only scaled to one duration, "
         f"{error['euclidean']:.1f} % in (b), {error['completion']:.1f} % in (c), "
-        f"{error['dtw']:.1f} % for warping on the index. Recorded ends are kept within "
-        f"{1e3 * end_error['completion']:.2f} mm in (c) and "
-        f"{1e3 * end_error['euclidean']:.1f} mm in (b)."
+        f"{error['dtw']:.1f} % for warping on the index."
     )
 
 
 # --- Fig. 4, Section III-D: a strong and a weak via-point -----------------------------
 
 _GRID, _COARSE_GRID = PHASES[::2], PHASES[::20]
-_STRONG: Final = (0.3, 0.04, 0.001)
+_STRONG, _WEAK = (0.3, 0.04, 0.001), (0.7, -0.04, 0.03)
 """Phase, shift from the demonstrations' mean [m], standard deviation [m]."""
-_WEAK: Final = (0.7, -0.04, 0.03)
-_HALF_WIDTH: Final = float(ndtri(0.975))
-"""Half of a normal 95 % interval, in standard deviations."""
 _ERROR_BAR: Final[Mapping[str, Any]] = {
     "marker": "o",
     "markersize": 3.0,
@@ -336,8 +313,7 @@ _ERROR_BAR: Final[Mapping[str, Any]] = {
     "zorder": 5,
 }
 _FAR: Final = 0.95
-"""Beyond this phase, a via-point at phase 0.7 should change nothing: the end is
-fixed."""
+"""Beyond it, a via-point at phase 0.7 should change nothing: the end is fixed."""
 
 
 def via_point_policies(
@@ -393,7 +369,7 @@ def fig04(material: Material) -> tuple[Figure, str]:
         look: dict[str, Any] = {"marker": dot, "markersize": 4.0}
         style.mean_and_interval(panel, policies[name], HEIGHT, style.ADAPTED, **look)
         for via_point in via_points:
-            half = _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT])
+            half = float(ndtri(0.975)) * float(np.asarray(via_point.std)[HEIGHT])
             pose = via_point.pose[HEIGHT]
             panel.errorbar(via_point.phase, pose, half, **_ERROR_BAR)
     style.name_panels(panels, titles.values())
@@ -416,11 +392,10 @@ def fig04(material: Material) -> tuple[Figure, str]:
         f"{len(demonstrations.poses)} demonstrations (a) and adapted to a strong "
         f"via-point ({1e3 * _STRONG[2]:.0f} mm) at phase {_STRONG[0]} and a weak one "
         f"({1e3 * _WEAK[2]:.0f} mm) at phase {_WEAK[0]}, {1e3 * abs(_STRONG[1]):.0f} "
-        "mm off the mean (green, with 95 %). Dashed: the mean before. (b) Conditioning "
-        "of the demonstrated process, the default; (c) the paper's product of "
-        "Gaussians, Eqs. (20)–(21), with the demonstrations' mean as prior mean; (d) "
-        f"the same at {_COARSE_GRID.size} phases, each of which counts as one more "
-        f"observation. σ at phase 0.5, without a via-point: {std('demonstrated', 0.5)} "
+        "mm off the mean (green, with 95 %). (b) Conditioning of the demonstrated "
+        "process, the default; (c) the paper's product of Gaussians, Eqs. (20)–(21), "
+        f"with the demonstrations' mean as prior mean; (d) at {_COARSE_GRID.size} "
+        f"phases. σ at phase 0.5, without a via-point: {std('demonstrated', 0.5)} "
         f"before, {spreads}, {std('coarse', 0.5)} (d). Distance from the strong and "
         f"from the weak via-point: {', '.join(misses)}. Largest change of the mean in "
         "the last twentieth, where the end is fixed (σ = "
