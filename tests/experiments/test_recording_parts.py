@@ -10,8 +10,7 @@ from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.recording.episode import episode_chunks
-from gplfd_experiments.recording.layout import layout
+from gplfd_experiments.recording.episode import episode_chunks, layout
 from gplfd_experiments.recording.parts import (
     ARM,
     KINDS,

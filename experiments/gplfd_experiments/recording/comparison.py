@@ -8,7 +8,7 @@ import copy
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -19,13 +19,10 @@ from rerun.chunk import Chunk
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording import colours, motion
+from gplfd_experiments.recording import colours, motion, parts, scene
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.episode import check_model
-from gplfd_experiments.recording.layout import Plot, series_view, view_3d
-from gplfd_experiments.recording.panels import Line, series
-from gplfd_experiments.recording.parts import balls
-from gplfd_experiments.recording.scene import drawn_scene, moved_scene, task_frame
+from gplfd_experiments.recording.panels import Line, Plot, series
 from gplfd_experiments.recording.stream import TEXT, page, static, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -47,11 +44,10 @@ _TURN: Final = math.radians(35.0)
 ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
 """Direction of the row in the world; each robot stands slightly behind the last."""
 
-_PLOTS: Final = "/plots"
-# Entity of the common door with the paths of all policies.
-_OVERLAY: Final = "/overlay"
-# Position of a robot's name, behind the robot, in its task frame [m].
+_PLOTS, _OVERLAY = "/plots", "/overlay"
+"""Entities of the curves, and of a common door with the paths of all policies."""
 _LABEL: Final = (1.15, -0.8, -0.2)
+"""Position of a robot's name, behind the robot, in its task frame [m]."""
 
 
 def record_comparison(
@@ -71,6 +67,7 @@ def record_comparison(
         )
     names = [log.policy for log in logs]
     for log in logs:
+        check_model(log, model)
         if names.count(log.policy) > 1:
             raise ValueError(f"policy {log.policy} is given twice in a comparison")
         if dict(log.door_config) != dict(logs[0].door_config):
@@ -78,7 +75,6 @@ def record_comparison(
                 f"{log.policy} opened another door than {logs[0].policy}; a comparison "
                 "shows one door"
             )
-        check_model(log, model)
     model = copy.copy(model)
     for geom in range(model.ngeom):
         if model.geom(geom).name.startswith("wall_"):  # would hide the next robot
@@ -94,28 +90,29 @@ def _chunks(
     demonstrations: Sequence[Demonstration],
 ) -> Iterator[Chunk]:
     """Return the page, the common door, and each policy's robot and curves."""
-    first = logs[0]
-    rows = "\n".join(
-        f"| {log.policy} | "
-        f"{'opened' if log.success else failure_name(log.failure, '')} | "
-        f"{_widest(log):.0f}° | "
-        f"{float(np.abs(log.forces.force_radial).max()):.1f} N |"
-        for log in logs
-    )
+    first, rows = logs[0], []
+    for log in logs:
+        outcome = "opened" if log.success else failure_name(log.failure, "")
+        peak = float(np.abs(log.forces.force_radial).max())
+        rows.append(
+            f"| {log.policy} | {outcome} | {_widest(log):.0f}° | {peak:.1f} N |"
+        )
+    table = "\n".join(rows)
     yield page(f"""\
 ### {len(logs)} policies at the {first.door} door
 
 | policy | outcome | widest | radial peak |
 |---|---|---|---|
-{rows}
+{table}
 
 All policies learned from the same demonstrations and open the same door (handle at \
 {first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work; a \
 large value means that the path does not fit the door. The tube is the policy's \
 forecast of the rest of the motion, ±1.96 σ; green is the true arc of the handle.
 """)
-    door = motion.door_frame(model, first.config, demonstrations)
-    yield from _moved_to(_OVERLAY, door)
+    yield from _moved_to(
+        _OVERLAY, motion.door_frame(model, first.config, demonstrations)
+    )
     # The angle from which a door counts as opened.
     angle = math.degrees(SUCCESS_ANGLE)
     mark = {Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}
@@ -138,12 +135,12 @@ def _robot(
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
     hand = list(motion.hand_motion(log))
     for chunks in (
-        drawn_scene(model),
+        scene.drawn_scene(model),
         motion.door_frame(model, log.config, []),
-        moved_scene(model, log),
+        scene.moved_scene(model, log),
         motion.policy_motion(log),
         hand,
-        balls(log),
+        parts.balls(log),
     ):
         yield from _moved_to(root, chunks)
     for chunk in hand:
@@ -153,13 +150,8 @@ def _robot(
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
     ended = SHORT.get(log.failure, failure_name(log.failure, ""))
     outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
-    label = rr.Points3D(
-        [_LABEL],
-        radii=0.012,
-        colors=colour,
-        labels=[f"{log.policy}: {outcome}"],
-        show_labels=True,
-    )
+    look: dict[str, Any] = {"radii": 0.012, "colors": colour, "show_labels": True}
+    label = rr.Points3D([_LABEL], labels=[f"{log.policy}: {outcome}"], **look)
     yield static(f"{root}{motion.ROOT}/label", label)
 
 
@@ -181,30 +173,28 @@ def _widest(log: EpisodeLog) -> float:
 
 def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
     """All robots, from behind and above; their curves and paths are below."""
-    handle, _ = task_frame(model)
+    handle, _ = scene.task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
     away = max(2.2, 0.35 * SPACING * len(logs))
     back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
     plans = [f"- /robots{_part(log)}{motion.PLAN}/**" for log in logs]
-    robots = view_3d(
+    robots = scene.view_3d(
         "Each policy at a copy of the same door",
         "/",
         ["/robots/**", *plans],
         (middle + away * back, middle, (0.0, 0.0, 1.0)),
     )
     above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
-    paths = view_3d(
+    paths = scene.view_3d(
         "All paths at one door, from above",
         f"{_OVERLAY}{motion.VIEW}",
         [f"{_OVERLAY}/**"],
         (above, target, (1.0, 0.0, 0.0)),
     )
-    angle = rrb.TimeSeriesView(
-        origin=f"{_PLOTS}/angle",
-        name="Door angle [deg]",
-        plot_legend=rrb.Corner2D.LeftTop,
-    )
-    curves = series_view(Plot("radial", "Radial force [N]: against the hinge"), _PLOTS)
+    legend = rrb.Corner2D.LeftTop
+    name = "Door angle [deg]"
+    angle = rrb.TimeSeriesView(origin=f"{_PLOTS}/angle", name=name, plot_legend=legend)
+    curves = Plot("radial", "Radial force [N]: against the hinge").view(_PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return rrb.Vertical(robots, panels, row_shares=[5, 4])

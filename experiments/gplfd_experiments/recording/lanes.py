@@ -35,7 +35,6 @@ LEVELS: Final[Mapping[str, Colour]] = dict(
 """States of the lane of the stiffness, and their colours."""
 
 _EDGES: Final = (200.0, 400.0)  # Between the states of the stiffness [N/m].
-_MOVED: Final = math.radians(1.0)
 # σ grows between via-points and drops at each, three to ten times per second.
 _AVERAGED: Final = 0.25  # Averaging time of displayed values [s].
 _ROOM: Final = 1.02  # End of the lane of stages, in durations of the episode.
@@ -76,28 +75,24 @@ def stage_lane(log: EpisodeLog) -> list[Chunk]:
 
 
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
-    """Return the row in which each stage began, in order, with its name.
+    """Return row and name of each stage that began, in order.
 
-    ``reach`` until the hand holds the handle, ``grasp`` until the door has moved by a
-    degree, then ``open``, ``hold`` after the door has reached the task's angle,
-    ``stuck`` after the last progress of a stalled door, ``success`` from the first
-    solved step or ``failure`` in the last.
+    ``reach`` if the hand did not hold the handle at the start, ``grasp`` when it does,
+    then ``open``, ``hold`` after the door has reached the task's angle, ``stuck`` after
+    the last progress of a stalled door, ``success`` from the first solved step or
+    ``failure`` in the last.
     """
     angle, taken = log.opening.door_angle, log.opening.capability > 0
     stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
     conditions = {
         "reach": ~taken & ~taken[0],
         "grasp": taken,
-        "open": angle >= _MOVED,
+        "open": angle >= math.radians(1.0),
         "stuck": stalled & (angle >= angle.max() - STALL_ANGLE),
         "hold": angle >= SUCCESS_ANGLE,
         "success": log.opening.solved.astype(bool),
     }
-    began = [
-        (int(np.argmax(holds)), name)
-        for name, holds in conditions.items()
-        if holds.any()
-    ]
+    began = [(int(np.argmax(at)), name) for name, at in conditions.items() if at.any()]
     if not log.opening.solved.any() and not log.success:
         began.append((log.times.size - 1, "failure"))
     # A stage that did not begin before its successor did not happen.
@@ -113,8 +108,7 @@ def stiffness_lane(log: EpisodeLog) -> list[Chunk]:
         return []
     level = np.where(finite, np.digitize(stiffness, _EDGES), -1)
     changes = np.flatnonzero((np.diff(level, prepend=-1) != 0) & finite)
-    names = [*LEVELS]
-    states = [(float(log.times[row]), names[level[row]]) for row in changes]
+    states = [(float(log.times[row]), [*LEVELS][level[row]]) for row in changes]
     return lane(f"{ROOT}/stiffness", LEVELS, states)
 
 

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -36,13 +37,76 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
+class Plot(NamedTuple):
+    """A panel of all time series below an entity; a legend would hide curves."""
+
+    entity: str
+    title: str
+    """Quantity and unit, and the colours of several curves."""
+    from_zero: bool = False
+    """Whether the axis includes zero, so that heights are proportional."""
+    limits: tuple[float, float] | None = None
+    """Limits of the axis; None for automatic limits."""
+
+    def view(self, root: str = ROOT) -> rrb.TimeSeriesView:
+        """Return the panel, whose entity is below another."""
+        return rrb.TimeSeriesView(
+            origin=f"{root}/{self.entity}",
+            name=self.title,
+            contents=["$origin/**", ZERO] if self.from_zero else "$origin/**",
+            axis_y=None if self.limits is None else rrb.ScalarAxis(range=self.limits),
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+
+
 Curves = Mapping[Line, FloatArray]
 """Values of the lines of a panel, (T,) each."""
 Bands = Mapping[Line, tuple[FloatArray, FloatArray]]
 """Means and variances of the bands of a panel, (T,) each; the half width is σ."""
 
 
-def panels(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
+def _along_and_across(
+    entity: str, title: str, limits: tuple[float, float] | None = None
+) -> tuple[Plot, ...]:
+    """Panels of both directions side by side, because σ differs tenfold."""
+    return tuple(
+        Plot(f"{entity}/{axis}", title.format(axis), limits is None, limits)
+        for axis in AXES
+    )
+
+
+TABS: Final = {
+    "Uncertainty and stiffness": (
+        Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
+        *_along_and_across("uncertainty", "1. Uncertainty σ {} [mm]"),
+        *_along_and_across("stiffness", "2. Stiffness k {} [N/m]"),
+        Plot(
+            "force", "3. Force [N]: along green, compensated violet, radial red", True
+        ),
+        Plot(
+            "expected", "4. Force along [N]: expected violet ±1.96 σ, measured yellow"
+        ),
+    ),
+    "Motion and policy": (
+        Plot("x", "x, pull [m]: true green, hand yellow, policy violet, before blue"),
+        Plot("z", "z, across it [m], ±1.96 σ"),
+        Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
+        Plot("size", "Size [% of demonstrated], ±1.96 σ", limits=(40, 200)),
+    ),
+    # Values of the control loop in every period: σ drops at every via-point.
+    "Unsmoothed, rates": (
+        *_along_and_across("uncertainty_raw", "σ {} [mm]"),
+        *_along_and_across("uncertainty_rate", "dσ/dt {} [mm/s]"),
+        *_along_and_across("stiffness_raw", "Stiffness k {} [N/m]"),
+        # Negative during softening.
+        *_along_and_across("stability", "dk/dt {} [% of its bound]", (-40.0, 110.0)),
+        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", True),
+    ),
+}
+"""Panels of every recording, by tab; those of a quantity are side by side."""
+
+
+def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
     """Return every time series of the layout; values that are not finite are not drawn.
 
     A series without finite values, such as the stiffness of a policy without stiffness,

@@ -31,13 +31,16 @@ LATCH: Final = f"{lanes.ROOT}/latch"
 """Entity of the lane with the state of the bolt."""
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
+LOG, PANEL = "/outside/log", "outside"
+"""Entities of the texts about disturbances, and of their time series below
+`panels.ROOT`."""
 TITLES: Final[Mapping[str, str]] = {
     "handle": "Handle [deg]",
     "latch": "Bolt, retracted by [mm]",
     "closer": "Closing torque [N m]: closer, seal, stiction",
     "base": "Base [m, rad]: x ahead orange, y left blue, turn violet",
 }
-"""Titles of panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
+"""Titles of panels by the entity below `panels.ROOT`."""
 
 _BOLT_STATES: Final = {"bolt thrown": colours.MARK, "bolt held back": colours.HAND}
 _BASE_LINES: Final = (
@@ -51,11 +54,6 @@ _JOINTS: Final = {
     "latch": [("bolt", Line("bolt held back", colours.HAND), 1e3)],
     "base": [(*curve, 1.0) for curve in zip(BASE_JOINTS, _BASE_LINES, strict=True)],
 }
-
-LOG: Final = "/outside/log"
-"""Entity of the text about beginnings and ends."""
-PANEL: Final = "outside"
-"""Entity of the time series, below `gplfd_experiments.recording.panels.ROOT`."""
 
 # Quasi-static and transient force on a hand allowed by ISO/TS 15066 [N].
 _LIMITS: Final = (140.0, 280.0)

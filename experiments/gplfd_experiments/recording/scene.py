@@ -4,17 +4,20 @@ Bodies that are fixed to each other move together. Their geoms are on the entity
 moving body that carries them, or of the world, which is body 0.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import ArrayLike
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.recording.colours import BACKGROUND
 from gplfd_experiments.recording.stream import frames, moving, static
 
 ROOT: Final = "/world/scene"
@@ -22,6 +25,8 @@ ROOT: Final = "/world/scene"
 
 Pose = tuple[FloatArray, FloatArray]
 """Position (3,) [m] and quaternion (w, x, y, z)."""
+Eye = tuple[ArrayLike, ArrayLike, ArrayLike]
+"""Position, target and up direction of a 3-D view [m]."""
 
 _GEOM: Final = mujoco.mjtGeom
 # Rerun's names of MuJoCo's primitives and of their positions.
@@ -176,3 +181,20 @@ def _colours(model: mujoco.MjModel) -> FloatArray:
     colours[painted] = model.mat_rgba[materials]
     colours[painted[np.any(model.mat_texid[materials] >= 0, axis=1)]] = _TEXTURED
     return colours
+
+
+def view_3d(
+    name: str, origin: str, contents: Sequence[str], eye: Eye
+) -> rrb.Spatial3DView:
+    """Return a 3-D view of entities, given by queries, in the frame of ``origin``."""
+    position, target, up = eye
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        contents=contents,
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=position, look_target=target, eye_up=up
+        ),
+    )

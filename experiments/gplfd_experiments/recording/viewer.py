@@ -1,13 +1,43 @@
-"""The Rerun viewer on this machine, and whether there is a screen for it."""
+"""The Rerun viewer on this machine: recordings, and journals of served agents."""
 
 import importlib.util
 import os
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from gplfd_env.conventions.opengl import has_display
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.panels import Line, Plot, series
+from gplfd_experiments.recording.stream import moving, write_recording
 from gplfd_policies.arrays.storage import regular_file
+from gplfd_policies.serving.journal import BEGINNING, read_journal
+
+_LINES: Final = (
+    Line("x", colours.AXIS_X),
+    Line("y", colours.TRUTH),
+    Line("z", colours.AXIS_Z),
+)
+_PANELS: Final = {
+    "pose": "Commanded position [m]: x orange, y green, z blue",
+    "ee_pose": "Measured position [m]",
+    "wrench": "Measured force [N]",
+    "stiffness": "Stiffness [N/m]",
+}
+_CURVES: Final = {
+    "reset": ("ee_pose", "wrench"),
+    "observe": ("ee_pose", "wrench"),
+    "command": ("pose", "stiffness"),
+}
+"""Curves by type of message; other fields and messages may contain anything."""
+_EVENTS: Final = "/events"
 
 
 def viewer() -> str:
@@ -26,7 +56,11 @@ def viewer() -> str:
 
 
 def open_recording(file: Path) -> int:
-    """Open a recording in the viewer; return its exit status once it is closed."""
+    """Open a recording in the viewer; return its exit status once it is closed.
+
+    A journal is first converted to a recording in its folder. Raises ValueError for one
+    that is damaged or holds no message.
+    """
     if file.is_dir():
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
         raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
@@ -35,8 +69,10 @@ def open_recording(file: Path) -> int:
             f"there is no file {file}; `gplfd run` writes recordings"
         )
     with regular_file(file, "a Rerun recording (.rrd)").open("rb") as stream:
-        magic = stream.read(4)
-    if magic[:2] != b"RR":
+        beginning = stream.read(len(BEGINNING))
+    if beginning == BEGINNING:
+        file = _recorded(file)
+    elif beginning[:2] != b"RR":
         raise ValueError(
             f"{file} is neither a Rerun recording (.rrd) nor a journal of gplfd serve"
         )
@@ -50,3 +86,36 @@ def open_recording(file: Path) -> int:
     # An absolute path, because the viewer would parse `--version.rrd` as an option.
     # Otherwise, the viewer listens on every address of this machine.
     return subprocess.call([viewer(), "--bind", "127.0.0.1", str(file.absolute())])
+
+
+def _recorded(journal: Path) -> Path:
+    """Write a journal as a recording: curves over time, and messages."""
+    curves: dict[str, list[tuple[float, Any]]] = defaultdict(list)
+    events: list[tuple[float, str]] = []
+    for line in read_journal(journal):
+        out = line.get("out", [])
+        refused = any(message["type"] == "error" for message in out)
+        for message in (line.get("in"), *out):
+            fields = message if isinstance(message, dict) else {"type": message}
+            for name in () if refused else _CURVES.get(fields["type"], ()):
+                curves[name].append((line["at"], fields[name][:3]))
+            words = map(fields.get, ("type", "state", "reason", "limited", "message"))
+            text = " ".join(str(word) for word in words if word)
+            if text not in ("", "observe", *(last for _, last in events[-1:])):
+                events.append((line["at"], text))
+    if not events:
+        raise ValueError(f"{journal} holds no message yet")
+    at, texts = zip(*events, strict=True)
+    columns = rr.TextLog.columns(text=texts)
+    chunks = [moving(_EVENTS, np.array(at) - at[0], columns)]
+    for name, samples in curves.items():
+        times, values = map(np.array, zip(*samples, strict=True))
+        lines = dict(zip(_LINES, values.astype(np.float64).T, strict=True))
+        chunks += series(f"/{name}", times - at[0], lines)
+    plots = [Plot(*panel).view("") for panel in _PANELS.items() if panel[0] in curves]
+    log = rrb.TextLogView(origin=_EVENTS, name="States, reasons and errors")
+    views = rrb.Horizontal(rrb.Vertical(*plots), log, column_shares=[3, 2])
+    recording = journal.with_name(f"{journal.name}.rrd")
+    LOG.info("writing %s", recording)
+    write_recording(recording, recording.stem, views, chunks)
+    return recording

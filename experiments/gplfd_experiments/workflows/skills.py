@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from gplfd_experiments.analysis.report.page import write_report
 from gplfd_experiments.analysis.report.predictions import overview
@@ -14,9 +14,7 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_experiments.files.table import text_table
-from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
-from gplfd_experiments.studies.learning_tests.folds import learn
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.tasks import recorded_tasks
@@ -29,11 +27,8 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
 )
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.registry.catalogue import policy_named, skill_method
+from gplfd_policies.registry.catalogue import skill_method
 from gplfd_policies.registry.method import TrainingInput
-
-RECORDING: Final = "skill.rrd"
-"""Recording of the learned movement, in a folder of `judge`."""
 
 
 def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
@@ -131,19 +126,4 @@ def judge(
     write_report(study, folder, reference=reference)
     print(text_table(overview(study.recorded), columns))
 
-    # The movement of the reference from all recordings, as a recording.
-    file = folder / RECORDING
-    file.unlink(missing_ok=True)  # It is from an earlier run with other content.
-    method = policy_named(reference).method
-    if method is None:
-        return errors
-    try:
-        record_learned(file, learn(method, motions, 0)[0], reference)
-    # Methods raise errors of every kind if they cannot learn.
-    except Exception as error:
-        LOG.error(
-            f"{file} was not written: {reference} cannot learn from these recordings: "
-            f"{type(error).__name__}: {error}. before_after.png and report.txt of "
-            "`gplfd demos import` say what is unusual"
-        )
     return errors

@@ -27,7 +27,7 @@ from gplfd_experiments.analysis.results.measures import (
     grouped,
     ranked,
 )
-from gplfd_experiments.analysis.results.reading import StudyResults, TaskResult
+from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.table import remarks
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -36,8 +36,7 @@ from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.store import PLANNED
 from gplfd_policies.arrays.storage import complete_or_absent
 
-HTML: Final = "report.html"
-MARKDOWN: Final = "report.md"
+HTML, MARKDOWN = "report.html", "report.md"
 _ORIGIN: Final = "What was run"
 _LEFT_OUT: Final = "Files without a result, left out"
 
@@ -59,10 +58,8 @@ def write_report(
             with paper_style():
                 write_figure(plot.draw(), folder / FIGURES, plot.name)
             images[plot.name] = (folder / FIGURES / f"{plot.name}.svg").read_bytes()
-    for name, text in (
-        (MARKDOWN, markdown_page(document)),
-        (HTML, html_page(document, images)),
-    ):
+    pages = {MARKDOWN: markdown_page(document), HTML: html_page(document, images)}
+    for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     answers = trial_answers(results)
@@ -80,7 +77,6 @@ def report(results: StudyResults, reference: str) -> Document:
         )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
     conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
-    counting = {title: counted(runs) for title, runs in conditions.items()}
     lead = [*_warnings(results), *trials.tier_tables(results)]
     if conditions:
         lead.append(doors.summary_table(conditions))
@@ -102,23 +98,22 @@ def report(results: StudyResults, reference: str) -> Document:
     done = " and ".join(f"{len(some)} {what}" for some, what in parts if some)
     created, command = results.study.get("created"), results.study.get("command")
     started = f", started {literal(created)}" if isinstance(created, str) else ""
-    lead += [
-        Text(
-            f"{done} of {len(policies)} policies{started}. Every number on this page "
-            "is computed from the result files of"
-        ),
-        Text(
-            shlex.join(map(str, command))
-            if isinstance(command, list) and command
-            else "(study.json with the command is missing)",
-            "verbatim",
-        ),
-    ]
+    text = (
+        f"{done} of {len(policies)} policies{started}. Every number on this page is "
+        "computed from the result files of"
+    )
+    made = "(study.json with the command is missing)"
+    if isinstance(command, list) and command:
+        made = shlex.join(map(str, command))
+    lead += [Text(text), Text(made, "verbatim")]
 
     sections = trials.trial_sections(results, reference)
     if conditions:
         sections.append(doors.doors_section(conditions, reference))
-        tests = [doors.paired_tests(t, r, reference) for t, r in counting.items()]
+        tests = [
+            doors.paired_tests(title, counted(runs), reference)
+            for title, runs in conditions.items()
+        ]
         sections.append(Section("Paired tests", tests))
     if results.recorded:
         sections.append(predictions.recorded_section(results.recorded, reference))
@@ -174,48 +169,46 @@ def _warnings(results: StudyResults) -> list[Block]:
         warnings.append(f"{missing}.")
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
-    if not warnings:
-        return []
     text = f"{' '.join(warnings)} The reasons are under “{_ORIGIN}”."
-    return [Text(text, "warning")]
+    return [Text(text, "warning")] if warnings else []
 
 
 def _origin(results: StudyResults) -> list[Block]:
     """Return provenance, errors and what could not be read."""
     codes = Counter(result.code for result in results.all).most_common()
+    lines = "\n".join(f"{number} results: {name}" for name, number in codes)
+    blocks: list[Block] = [Text("The results were made by"), Text(lines, "verbatim")]
     machines = len({result.machine for result in results.all})
-    kinds = (
-        f"These results were made on {machines} kinds of machine: they are equal only "
-        "up to a tolerance, see `docs/reproducibility.md`."
-    )
-    blocks: list[Block] = [
-        Text("The results were made by"),
-        Text(
-            "\n".join(f"{number} results: {name}" for name, number in codes), "verbatim"
-        ),
-        *([Text(kinds)] if machines > 1 else []),
-    ]
-    foreign = [(policy, source) for policy, source in _sources(results) if source]
+    if machines > 1:
+        text = (
+            f"These results were made on {machines} kinds of machine: they are equal "
+            "only up to a tolerance, see `docs/reproducibility.md`."
+        )
+        blocks.append(Text(text))
+    platform, config = (results.study.get(name) for name in ("platform", "config"))
     for title, entries in (
-        ("Machine", results.study.get("platform")),
-        ("Settings of the last command", results.study.get("config")),
-        ("Policies that are not this project's", foreign),
+        ("Machine", platform.items() if isinstance(platform, dict) else ()),
+        (
+            "Settings of the last command",
+            config.items() if isinstance(config, dict) else (),
+        ),
+        (
+            "Policies that are not this project's",
+            [(policy, source) for policy, source in _sources(results) if source],
+        ),
     ):
-        pairs = entries.items() if isinstance(entries, dict) else entries or ()
-        rows = tuple((code(name), code(value)) for name, value in pairs)
-        columns = ("name", "value")
-        if rows:
+        if rows := tuple((code(name), code(value)) for name, value in entries):
+            columns = ("name", "value")
             blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
     failed = [result for result in results.all if result.error]
-    reasons = grouped(failed, lambda result: result.error)
-    lines = [
-        f"{len(group)} × {'; '.join(dict.fromkeys(map(_subject, group)))}: {reason}"
-        for reason, group in sorted(
-            reasons.items(), key=lambda item: (-len(item[1]), item[0])
-        )
-    ]
+    reasons = grouped(failed, lambda result: result.error).items()
+    errors = []
+    for reason, group in sorted(reasons, key=lambda item: (-len(item[1]), item[0])):
+        doors_of = (getattr(result.task, "door", "learning test") for result in group)
+        names = (f"{r.policy}, {door}" for r, door in zip(group, doors_of, strict=True))
+        errors.append(f"{len(group)} × {'; '.join(dict.fromkeys(names))}: {reason}")
     for text, details in (
-        ("Tasks that ended in an error:", lines),
+        ("Tasks that ended in an error:", errors),
         (f"{_LEFT_OUT}:", results.unreadable),
     ):
         if details:
@@ -225,10 +218,5 @@ def _origin(results: StudyResults) -> list[Block]:
 
 def _sources(results: StudyResults) -> list[tuple[str, str]]:
     """Return every policy with each of its sources, in order."""
-    return list(
-        dict.fromkeys((result.policy, result.policy_source) for result in results.all)
-    )
-
-
-def _subject(result: TaskResult) -> str:
-    return f"{result.policy}, {getattr(result.task, 'door', 'learning test')}"
+    pairs = ((result.policy, result.policy_source) for result in results.all)
+    return list(dict.fromkeys(pairs))

@@ -88,10 +88,9 @@ class View:
 
     def execute(self) -> int:
         """Show the recording until the viewer is closed."""
-        from gplfd_experiments.recording.served import recording_of
         from gplfd_experiments.recording.viewer import open_recording
 
-        return open_recording(recording_of(self.file))
+        return open_recording(self.file)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -158,9 +158,8 @@ class SkillTests:
     """Compare methods on recordings: predict each from the others, without a robot.
 
     Writes DIR/report.html and report.md (errors, coverage of the stated uncertainty,
-    forecasts after a part was observed, recommendations), DIR/skill.rrd (recordings,
-    mean and tube in 3-D) and DIR/tasks/, one result per method and recording;
-    resumable.
+    forecasts after a part was observed) and DIR/tasks/, one result per method and
+    recording; resumable.
     """
 
     recordings: Annotated[
@@ -174,7 +173,7 @@ class SkillTests:
     paper's Table 1."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
-    """Method with which the others are compared, and which skill.rrd shows."""
+    """Method with which the others are compared."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/skill")
     """Folder to write to; unfinished tests in it are resumed."""
@@ -189,7 +188,7 @@ class SkillTests:
         """Run the tests, print a table; return `FAILED` if a method cannot learn."""
         from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.table import FIRST
-        from gplfd_experiments.workflows.skills import RECORDING, judge
+        from gplfd_experiments.workflows.skills import judge
 
         with folder_in_use(self.out) as folder:
             errors = judge(
@@ -202,9 +201,6 @@ class SkillTests:
                 columns=None if self.all else FIRST,
             )
         print(f"{self.out / 'report.html'} and report.md")
-        recording = self.out / RECORDING
-        if recording.is_file():
-            print(f"look at what was learned:  {next_command('view', recording)}")
         return FAILED if errors else 0
 
 
