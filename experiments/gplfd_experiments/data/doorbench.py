@@ -80,13 +80,14 @@ class _Specification(NamedTuple):
     entries: Mapping[str, Any]
     lost: list[str]
 
-    def at(self, place: str, kind: Any = float) -> Any:
+    def at(self, place: str, kind: Any = float, default: Any = None) -> Any:
         """Return the entry at a path of names, as the required type."""
         *tables, name = place.split("/")
         spec = self.entries
         for table in tables:
             spec = entry(spec, table, dict[str, Any])
-        return entry(spec, name, kind)
+        absent = default is not None and name not in spec
+        return default if absent else entry(spec, name, kind)
 
     def all_at(self, places: Mapping[str, str]) -> _Fields:
         """Return fields from their places."""
@@ -99,13 +100,7 @@ class _Specification(NamedTuple):
 
 
 def read_doorbench(path: str | Path) -> ImportedDoor:
-    """Read a ``spec.json``.
-
-    Raises:
-        ValueError: It is not of the schema, or its family, handle or radius is none
-            that a `DoorConfig` has.
-        OSError: The file cannot be read.
-    """
+    """Read a ``spec.json``; raise ValueError for one that a `DoorConfig` cannot be."""
     spec = _Specification(read_json(path), [])
     try:
         fields = _within(_fields(spec), spec.lost)
@@ -125,9 +120,7 @@ def _fields(spec: _Specification) -> _Fields:
     if version != "1.0":
         raise ValueError(f"its schema_version is {version!r}, not '1.0'")
     if family not in _FAMILIES:
-        reason = _OTHERS.get(family.partition("_")[0], "an unknown one")
-        known = ", ".join(_FAMILIES)
-        raise ValueError(f"its family is {family!r} ({reason}), none of {known}")
+        raise ValueError(f"its family is {family!r}, none of {', '.join(_FAMILIES)}")
     fields = spec.all_at(_LEAF)
     fields["hinge_side"] = side = spec.at("hinge/side", str)
     if side not in ("left", "right"):
@@ -145,15 +138,14 @@ def _fields(spec: _Specification) -> _Fields:
 def _hinged(spec: _Specification) -> _Fields:
     """Return the fields of hinge and closer."""
     fields = spec.all_at(_HINGED)
-    motion = spec.at("kinematics", dict[str, Any])
-    if motion.get("joining_bolt_engaged") is False:
+    if spec.at("kinematics/joining_bolt_engaged", Any, True) is False:
         raise ValueError("its halves are not joined: two leaves, one above the other")
     spec.lose(spec.at("leaf/count") > 1, "its other leaf")
-    spec.lose(motion.get("both_ways"), "it also opens the other way")
-    rest = entry({"rest_angle_deg": 0.0} | motion, "rest_angle_deg", float)
+    both = spec.at("kinematics/both_ways", Any, False)
+    spec.lose(both, "it also opens the other way")
+    rest = spec.at("kinematics/rest_angle_deg", default=0.0)
     spec.lose(rest, f"it rests open at {rest:g}°; here it is closed")
-    hinge = {"pivot_offset_m": 0.0} | spec.at("hinge", dict[str, Any])
-    if beyond := entry(hinge, "pivot_offset_m", float):
+    if beyond := spec.at("hinge/pivot_offset_m", default=0.0):
         spec.lose(beyond, f"the {beyond:g} m of its leaf beyond the pivot")
         fields["leaf.width"] = spec.at("leaf/width") - beyond
     fields["swing"] = "push" if spec.at("robot/is_push", bool) else "pull"
@@ -197,19 +189,13 @@ def _sliding(spec: _Specification) -> _Fields:
 
 
 def _folding(spec: _Specification) -> _Fields:
-    """Return the fields of the leaves that fold to one jamb.
-
-    The guided edge, which has the handle, moves like that of two leaves of half the
-    width, for any number of leaves.
-    """
-    panels, motion = spec.at("leaf/count"), spec.at("kinematics", dict[str, Any])
-    stacks = 1 if panels == 2 or motion.get("accordion") else 2
+    """Return the fields of two leaves that fold to one jamb, for any number of them."""
+    panels, accordion = spec.at("leaf/count"), "kinematics/accordion"
+    stacks = 1 if panels == 2 or spec.at(accordion, Any, False) else 2
     spec.lose(stacks == 2, "its other leaves, which fold to the other jamb")
     many = panels > 2 * stacks
     spec.lose(many, f"its {panels:g} leaves; here two of the same width together")
-    spec.lose(
-        True, "its rollers' damping grows from 0; here it has its mean throughout"
-    )
+    spec.lost.append("its rollers' damping grows from 0; here it has its mean")
     width = panels / stacks * spec.at("leaf/width")
     fields = _rolling(spec, width)
     turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
@@ -232,30 +218,16 @@ _FAMILIES: Final[Mapping[str, Callable[[_Specification], _Fields]]] = {
 }
 """Functions that read the fields of the motion of each family."""
 
-_OTHERS: Final = {
-    **dict.fromkeys(("automatic", "elevator"), "a motor opens it"),
-    **dict.fromkeys(("vault", "blast", "ship"), "several bolts or dogs hold it"),
-    **dict.fromkeys(("garage", "rollup"), "it is lifted"),
-    **dict.fromkeys(("revolving", "turnstile"), "a rotor"),
-    "baby": "its latch is lifted",
-    "hatch": "it is horizontal, in a floor or ceiling",
-    "pet": "a flap without a handle",
-    "strip": "hanging strips",
-}
-"""Why a family cannot be represented, by the first word of its name."""
-
 
 def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
     """Return the fields of handle and latch on the robot's side."""
-    operator = spec.at("operator", dict[str, Any])
     model = spec.at("operator/model", str)
     latched = spec.at("physics/latch/throw_m") > 0.0
     width, backset = fields["leaf.width"], spec.at("physics/latch/backset_m")
-    far = operator.get("sides") == "push_side" and fields["swing"] == "pull"
-    if far:
-        model = str(operator.get("far_side", "none"))
-        if model == "none":
-            raise ValueError("the pull side has no handle")
+    one_sided = spec.at("operator/sides", Any, "both") == "push_side"
+    far = one_sided and fields["swing"] == "pull"
+    if far and (model := str(spec.at("operator/far_side", Any, "none"))) == "none":
+        raise ValueError("the pull side has no handle")
     handle = _KINDS.get(model.partition("_")[0])
     if handle is None or model == "push_button_screen":
         known = ", ".join(_KINDS)
@@ -280,9 +252,7 @@ def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
     if latched:
         operated |= {"latch": "spring"} | spec.all_at(_LATCH)
     if far:
-        spec.lose(
-            far, f"the spring of {model!r} on this side, whose value is not given"
-        )
+        spec.lost.append(f"the spring of {model!r} on this side, which is not given")
         return operated
     operated |= spec.all_at(_HANDLE)
     grip = spec.at("physics/latch/operator_grip_offset_m")
@@ -303,20 +273,16 @@ def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
 
 
 def _within(fields: Mapping[str, Any], lost: list[str]) -> _Fields:
-    """Return fields limited to their ranges; add the limited ones to `lost`.
-
-    A radius out of range is not limited: it would be another door, and `DoorConfig`
-    raises.
-    """
+    """Return fields limited to their ranges; add the limited ones to `lost`."""
     limited = dict(fields)
     for name, value in fields.items():
-        if isinstance(value, str) or name in ("radius", "leaf.width"):
-            continue
-        allowed = _range_of(name)
-        limited[name] = min(max(value, allowed.low), allowed.high)
-        if limited[name] != value:
-            nearest = f"{limited[name]:g} instead"
-            lost.append(f"{name} = {value:g} is outside {allowed}; {nearest}")
+        # A door with another radius would be another door; `DoorConfig` raises.
+        if not isinstance(value, str) and name not in ("radius", "leaf.width"):
+            allowed = _range_of(name)
+            limited[name] = nearest = min(max(value, allowed.low), allowed.high)
+            if nearest != value:
+                text = f"{name} = {value:g} is outside {allowed}; {nearest:g} instead"
+                lost.append(text)
     if limited["leaf.backset"] != fields["leaf.backset"]:
         limited["leaf.width"] = None
     return limited
@@ -325,6 +291,5 @@ def _within(fields: Mapping[str, Any], lost: list[str]) -> _Fields:
 def _range_of(name: str) -> Range:
     """Return the range of a field of a door or, as in ``closer.preload``, of a part."""
     part, _, field = name.rpartition(".")
-    return allowed_range(
-        type(getattr(DoorConfig(), part)) if part else DoorConfig, field
-    )
+    record = type(getattr(DoorConfig(), part)) if part else DoorConfig
+    return allowed_range(record, field)

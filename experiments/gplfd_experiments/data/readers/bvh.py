@@ -4,10 +4,9 @@ The format has no unit of length. Positions in the frames replace a joint's OFFS
 """
 
 import re
-from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,19 +21,48 @@ _MOTION: Final = re.compile(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)")
 _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Joint:
-    """A joint and the place of its numbers in a frame."""
+class _Joint(NamedTuple):
+    """A joint and the places of its numbers in a frame."""
 
     parent: "_Joint | None"
-    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    channels: dict[str, int] = field(default_factory=dict)
+    offset: list[float]
+    channels: dict[str, int]
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a joint; errors of the hierarchy contain the line number."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     hierarchy, _, motion = text.partition("MOTION")
+    joints, width = _skeleton(hierarchy)
+    usual = [name for name in _DEFAULT_JOINTS if name in joints] or _DEFAULT_JOINTS
+    wanted = settings.body or usual[0]
+    body, (joint, *others) = chosen(wanted, joints, "joint", file=path.name)
+    if others:
+        raise ValueError(f"{len(others) + 1} joints are called {body}; rename them")
+    head = _MOTION.match(motion)
+    if head is None:
+        raise ValueError("after MOTION come 'Frames: N', 'Frame Time: SECONDS'")
+    count, period = int(head[1]), float(head[2])
+    numbers = np.array(motion[head.end() :].split(), dtype=np.float64)
+    if numbers.size != count * width or not np.isfinite(numbers).all():
+        raise ValueError(
+            f"it says it has {count} frames of {width} finite numbers, and has "
+            f"{np.isfinite(numbers).sum()} numbers: it is cut, or from another program"
+        )
+    positions, rotations = _kinematics(joint, numbers.reshape(count, width))
+    return [
+        RawRecording(
+            name=f"{path.name}: {body}",
+            times=np.asarray(np.arange(count) * period),
+            positions=positions,
+            unit=None,
+            quaternions=rotations.as_quat(scalar_first=True),
+        )
+    ]
+
+
+def _skeleton(hierarchy: str) -> tuple[dict[str, list[_Joint]], int]:
+    """Return the joints by their names, and how many numbers a frame has."""
     words = (
         (number, word)
         for number, text in enumerate(hierarchy.splitlines(), start=1)
@@ -49,22 +77,22 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             match word:
                 case "ROOT" | "JOINT" | "End":
                     name = [part for _, part in takewhile(lambda w: w[1] != "{", words)]
-                    joint = _Joint(parent=stack[-1] if stack else None)
+                    parent = stack[-1] if stack else None
+                    stack.append(_Joint(parent, [0.0, 0.0, 0.0], {}))
                     if word != "End":
-                        joints.setdefault(" ".join(name), []).append(joint)
-                    stack.append(joint)
+                        joints.setdefault(" ".join(name), []).append(stack[-1])
                 case "}":
                     stack.pop()
                 case "OFFSET":
                     stack[-1].offset[:] = [float(next(words)[1]) for _ in range(3)]
                 case "CHANNELS":
-                    count = int(next(words)[1])
-                    names = [next(words)[1] for _ in range(count)]
-                    if not set(names) <= _CHANNELS or len(set(names)) < count:
+                    names = [next(words)[1] for _ in range(int(next(words)[1]))]
+                    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
                         raise ValueError("it names no channels, or one twice")
-                    places = range(width, width + count)
-                    stack[-1].channels.update(zip(names, places, strict=True))
-                    width += count
+                    stack[-1].channels.update(
+                        {n: width + i for i, n in enumerate(names)}
+                    )
+                    width += len(names)
                 case "HIERARCHY":
                     pass
                 case _:
@@ -74,34 +102,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     except (ValueError, IndexError, StopIteration) as error:
         reason = str(error) if type(error) is ValueError else "braces or numbers lack"
         raise ValueError(f"line {number}: {reason}") from error
-    known = [name for name in _DEFAULT_JOINTS if name in joints]
-    wanted = settings.body or (known or _DEFAULT_JOINTS)[0]
-    body, (joint, *others) = chosen(wanted, joints, "joint", file=path.name)
-    if others:
-        raise ValueError(f"{len(others) + 1} joints are called {body}; rename them")
-    head = _MOTION.match(motion)
-    if head is None:
-        raise ValueError("after MOTION come 'Frames: N', 'Frame Time: SECONDS'")
-    count, period = int(head[1]), float(head[2])
-    numbers = np.array(motion[head.end() :].split(), dtype=np.float64)
-    if numbers.size != count * width:
-        raise ValueError(
-            f"it says it has {count} frames of {width} numbers, and has "
-            f"{numbers.size} numbers: it is cut, or from another program"
-        )
-    frames = numbers.reshape(count, width)
-    if not np.isfinite(frames).all():
-        raise ValueError("a frame holds a number that is not finite")
-    positions, rotations = _kinematics(joint, frames)
-    return [
-        RawRecording(
-            name=f"{path.name}: {body}",
-            times=np.asarray(np.arange(count) * period),
-            positions=positions,
-            unit=None,
-            quaternions=rotations.as_quat(scalar_first=True),
-        )
-    ]
+    return joints, width
 
 
 def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation]:

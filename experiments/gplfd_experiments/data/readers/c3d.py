@@ -32,25 +32,23 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """
     file = ezc3d.c3d(str(path))
     points, parameters = file["data"]["points"], file["parameters"]["POINT"]
-    rate = float(file["header"]["points"]["frame_rate"])
-    if not 0.0 < rate < math.inf:
-        raise ValueError(f"its header has the frame rate {rate}")
+    rate, count = float(file["header"]["points"]["frame_rate"]), points.shape[2]
     # ezc3d corrects the number of frames of a cut file.
     with path.open("rb") as stream:
         first, last = struct.unpack_from("<HH", stream.read(10), 6)
-    if last < _UNCOUNTED and points.shape[2] <= last - first:
+    if not 0.0 < rate < math.inf or (last < _UNCOUNTED and count <= last - first):
         raise ValueError(
-            f"it says it has {last - first + 1} frames, and has {points.shape[2]}: it "
-            "is cut"
+            f"it says it has {last - first + 1} frames at {rate:g} Hz, and has {count}:"
+            " it is cut"
         )
     notes = []
     trial = file["parameters"].get("TRIAL", {})
     fields = [trial.get(name, {}).get("value", ()) for name in _TRIAL]
     ends = [int(low) + 65536 * int(high) for low, high in filter(len, fields)]
-    if len(ends) == 2 and ends[0] - ends[1] >= points.shape[2]:
+    if len(ends) == 2 and ends[0] - ends[1] >= count:
         notes.append(
-            f"only {points.shape[2]} of its {ends[0] - ends[1] + 1} frames are read, "
-            "which its header counts; export it in parts"
+            f"only {count} of its {ends[0] - ends[1] + 1} frames are read, which its "
+            "header counts; export it in parts"
         )
     markers = points[:3].transpose(2, 1, 0)
     # Programs that cannot write a missing marker write zeros.
@@ -60,9 +58,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     for number in ("", *map(str, range(2, 20))):
         labels += parameters.get(f"LABELS{number}", {}).get("value", [])
     labels += map(str, range(len(labels) + 1, points.shape[1] + 1))
-    places = {
-        label.strip(): place for place, label in enumerate(labels[: points.shape[1]])
-    }
+    places = {label.strip(): at for at, label in enumerate(labels[: points.shape[1]])}
     body, quaternions = settings.body, None
     if body is not None and "," in body and body not in places:
         names = [name.strip() for name in body.split(",")]
@@ -90,28 +86,28 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:
     """Return mean and orientation of markers, (N, M, 3), by Kabsch's method."""
-    listed = ", ".join(names)
-    if len(set(names)) < 3:
-        raise ValueError(f"a rigid body needs three markers, got {listed}")
     seen = np.isfinite(markers).all(axis=(1, 2))
-    if not seen.any():
-        raise ValueError(f"no frame has all of the markers {listed}")
     means = markers.mean(axis=1)
     arms = markers - means[:, None]
     shape = arms[np.argmax(seen)]
-    size = np.linalg.svd(shape, compute_uv=False)
-    if size[1] < 1e-3 * size[0]:
-        raise ValueError(f"the markers {listed} lie on a line")
     quaternions = np.full((len(markers), 4), np.nan)
-    for frame in np.flatnonzero(seen):
-        rotation, distance = Rotation.align_vectors(arms[frame], shape)
-        if distance <= math.sqrt(len(names)) * _RIGID * size[0]:
-            quaternions[frame] = rotation.as_quat(scalar_first=True)
-    rigid, complete = np.isfinite(quaternions[:, 0]).sum(), seen.sum()
-    if rigid < _MOSTLY * complete:
-        raise ValueError(
-            f"the markers {listed} keep their distances to {_RIGID:.0%} in {rigid} of "
-            f"{complete} frames that have them all: they are not on a rigid body; "
-            "choose other markers, or one for positions alone"
+    problem = "no frame has all of them"
+    if len(set(names)) < 3:
+        problem = "it needs three"
+    elif seen.any():
+        size = np.linalg.svd(shape, compute_uv=False)
+        for frame in np.flatnonzero(seen):
+            rotation, distance = Rotation.align_vectors(arms[frame], shape)
+            if distance <= math.sqrt(len(names)) * _RIGID * size[0]:
+                quaternions[frame] = rotation.as_quat(scalar_first=True)
+        rigid, complete = np.isfinite(quaternions[:, 0]).sum(), seen.sum()
+        if size[1] >= 1e-3 * size[0] and rigid >= _MOSTLY * complete:
+            return means, quaternions
+        problem = (
+            f"they lie on a line, or keep their distances to {_RIGID:.0%} in only "
+            f"{rigid} of {complete} frames"
         )
-    return means, quaternions
+    raise ValueError(
+        f"the markers {', '.join(names)} are on no rigid body: {problem}; choose other "
+        "markers, or one for positions alone"
+    )

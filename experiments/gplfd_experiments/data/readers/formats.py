@@ -1,9 +1,7 @@
 """The kinds of motion files, one line each: suffixes or marks, and their reader.
 
 The module of a reader has a function ``read(path, settings)`` that returns the motions
-in the order of the file. Their names begin with the name of the file; units and time
-stamps are those of the file. Any exception means that the file cannot be read, and its
-text says why.
+in the order of the file. Any exception means that the file cannot be read.
 """
 
 import importlib
@@ -56,34 +54,22 @@ _OPTIONS: Final = {
 
 
 def reader_of(path: Path) -> Reader:
-    """Return the reader of a file or folder, by its suffix or by what it contains.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is of unknown kind, or no regular file.
-    """
-    suffix, folder = path.suffix.lower(), path.is_dir()
-    if not folder:
-        regular_file(path, "a recording in a regular file")
+    """Return the reader of a file or folder, by its suffix or by what it contains."""
+    folder = path.is_dir()
+    suffix = "" if folder else regular_file(path, "a recording").suffix.lower()
     for reader in READERS:
-        if folder and any((path / mark).is_file() for mark in reader.marks):
+        if suffix in reader.suffixes or any((path / m).is_file() for m in reader.marks):
             return reader
-        if not folder and suffix in reader.suffixes:
-            return reader
-    what = "folder" if folder else f"kind of file {suffix!r}"
     suffixes = [suffix for reader in READERS for suffix in reader.suffixes]
     marks = [mark for reader in READERS for mark in reader.marks]
     raise ValueError(
-        f"{path}: unknown {what}{nearest_name(suffix, suffixes)}; readable are "
-        f"{', '.join(suffixes)}, and folders with {', '.join(marks)}"
+        f"{path}: unknown kind {suffix!r}{nearest_name(suffix, suffixes)}; readable "
+        f"are {', '.join(suffixes)}, and folders with {', '.join(marks)}"
     )
 
 
 def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read all motions in a file, in this process and without limits.
-
-    Raises what `gplfd_experiments.data.readers.read_recordings` raises.
-    """
+    """Read all motions in a file, in this process and without limits."""
     reader = reader_of(path)
     module = importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
     try:

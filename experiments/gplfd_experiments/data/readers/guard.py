@@ -1,12 +1,9 @@
 """Reads motion files in a child process with limits.
 
 A damaged or forged file can make a library crash, or fill memory, disk or time. It then
-ends the child, and the caller gets one error with the name of the file. The child has
-limits of memory, processor time and size of written files where the operating system
-provides them; elsewhere, time is limited.
+ends the child alone. Systems without `resource` limit the time only.
 """
 
-import contextlib
 import os
 import pickle
 import subprocess
@@ -15,7 +12,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.formats import read_here, reader_of
@@ -38,8 +35,7 @@ def read_recordings(path: str | Path, settings: ImportSettings) -> list[RawRecor
     """Read all motions in a file or folder, whose name determines its kind.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        OSError: It cannot be read.
+        OSError: There is no such file, or it cannot be read.
         ModuleNotFoundError: Its reader needs a library that is not installed.
         ValueError: It is damaged, of unknown kind, too large, or lacks the selected
             item. The message names file, line or field, and says what to do.
@@ -54,43 +50,42 @@ def read_files(
     """Yield the motions of each file in turn; raises what `read_recordings` raises."""
     files = [Path(path) for path in paths]
     readers = [reader_of(path) for path in files]
-    with tempfile.TemporaryDirectory() as scratch, _started(scratch) as process:
-        pickle.dump((files, settings), process.stdin)
-        process.stdin.close()
-        for path, reader in zip(files, readers, strict=True):
-            *_, seconds = _limits(path)
-            timer = threading.Timer(_WAITING * seconds, process.kill)
-            timer.start()
-            try:
-                outcome = pickle.load(process.stdout)
-            except (EOFError, pickle.UnpicklingError):
-                # A killed child leaves nothing, or a part.
-                outcome = ValueError(
-                    f"{path} cannot be read as {reader.summary}: its reader crashed or "
-                    f"ran for more than {seconds:.0f} s (exit status {process.wait()})."
-                    " It is damaged, or made to fill memory or time"
-                )
-            finally:
-                timer.cancel()
-            if isinstance(outcome, Exception):
-                raise outcome
-            yield outcome
-
-
-@contextlib.contextmanager
-def _started(scratch: str) -> Iterator[Any]:
-    """Yield the child; it ends with the block."""
-    paths = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
-    with subprocess.Popen(
-        [sys.executable, "-c", _CHILD],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, **threads, "PYTHONPATH": paths, "TMPDIR": scratch},
-    ) as process:
+    modules = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        subprocess.Popen(
+            [sys.executable, "-c", _CHILD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **threads, "PYTHONPATH": modules, "TMPDIR": scratch},
+        ) as process,
+    ):
+        assert process.stdin is not None
+        assert process.stdout is not None
         try:
-            yield process
+            pickle.dump((files, settings), process.stdin)
+            process.stdin.close()
+            for path, reader in zip(files, readers, strict=True):
+                *_, seconds = _limits(path)
+                timer = threading.Timer(_WAITING * seconds, process.kill)
+                timer.start()
+                try:
+                    outcome = pickle.load(process.stdout)
+                except (EOFError, pickle.UnpicklingError):
+                    # A killed child leaves nothing, or a part.
+                    raise ValueError(
+                        f"{path} cannot be read as {reader.summary}: its reader crashed"
+                        f" or ran for more than {seconds:.0f} s (exit status "
+                        f"{process.wait()}). It is damaged, or made to fill memory or "
+                        "time"
+                    ) from None
+                finally:
+                    timer.cancel()
+                if isinstance(outcome, Exception):
+                    raise outcome
+                yield outcome
         finally:
             process.kill()
 
@@ -122,12 +117,8 @@ def child() -> None:
             outcome: list[RawRecording] | Exception
             try:
                 outcome = read_here(path, settings)
-                samples = sum(len(motion.positions) for motion in outcome)
-                if samples > most:
-                    raise ValueError(
-                        f"{path} makes {samples:,} samples of few bytes, and at most "
-                        f"{most:,.0f} are allowed: it is made to fill the memory"
-                    )
+                if sum(len(motion.positions) for motion in outcome) > most:
+                    raise ValueError(f"{path} makes more than {most:,.0f} samples")
             except (OSError, ValueError, ModuleNotFoundError) as error:
                 # Only these have arguments that can be passed on.
                 outcome = type(error)(*error.args)

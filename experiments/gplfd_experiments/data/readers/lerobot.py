@@ -25,7 +25,8 @@ from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 
 with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
-    import pyarrow.parquet as parquet
+    import pyarrow
+    from pyarrow import parquet
 
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
@@ -44,79 +45,65 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             f"it has version {version:.20}, but only v3.x can be read; convert it with "
             "LeRobot's own script convert_dataset_v21_to_v30"
         )
-    vectors = {
-        name: feature
-        for name, feature in entry(info, "features", dict[str, dict[str, Any]]).items()
-        if str(feature.get("dtype", "")).startswith("float")
-    }
-
-    def feature_named(name: str) -> Any:
-        return chosen(name, vectors, "feature of numbers", file=path.name)[1]
-
+    features = entry(info, "features", dict[str, dict[str, Any]]).items()
+    vectors = {n: f for n, f in features if str(f.get("dtype", "")).startswith("float")}
     name = settings.body or STATE
+    _, state = chosen(name, vectors, "feature of numbers", file=path.name)
     # The names of its numbers: a list, or lists by group.
-    names = feature_named(name).get("names")
+    names = state.get("names")
     if isinstance(names, dict):
         names = [column for group in names.values() for column in group]
-    if not settings.columns and not isinstance(names, list):
+    heads = settings.columns or list(map(str, names or ()))
+    if not heads:
         raise ValueError(
             "its numbers have no names; give them in their order: --columns x,y,z,..."
         )
-    heads = settings.columns or list(map(str, names))
     places = named_columns(heads, "--columns" if settings.columns else f"{name!r}")
-    force, observed = settings.wrench, False
+    force = settings.wrench
     if vectors.get(WRENCH, {}).get("shape") == [len(FORCE)]:
         force = force or WRENCH
+    observed, meanings = False, {name: tuple(heads)}
     if force is not None:
-        observed = feature_named(force).get("info") == AS_OBSERVED
-    unused = [head for head in heads if understood(head)[0] is None]
-    unused += vectors.keys() - {name, force}
-    unused = sorted(text for text in unused if _ORIENTED.search(text.lower()))
-    not_used = f"{', '.join(unused)!s:.200} are not used: it has no orientation"
+        _, feature = chosen(force, vectors, "feature of numbers", file=path.name)
+        observed, meanings[force] = feature.get("info") == AS_OBSERVED, FORCE
+    unused = {head for head in heads if understood(head)[0] is None}
+    unused |= vectors.keys() - meanings.keys()
+    unused = {text for text in unused if _ORIENTED.search(text.lower())}
+    not_used = f"{', '.join(sorted(unused))!s:.200} are not used: it has no orientation"
     rate = entry(info, "fps", float)
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files or not rate > 0.0:
         raise ValueError(f"fps is {rate:g}, and {len(files)} parquet files are in data")
-    # Episode, frame and feature of every row, in order.
-    wanted = ("episode_index", "frame_index", name, *([force] if force else []))
-    parts = []
-    for file in files:
-        table = parquet.read_table(file, columns=sorted(set(wanted)), partitioning=None)
-        indices = [table[index].to_numpy() for index in wanted[:2]]
-        parts.append((*indices, *(_rows(table[column]) for column in wanted[2:])))
-    episodes, frames, values, *wrenches = map(np.concatenate, zip(*parts, strict=True))
-    for source, numbers, meanings in (
-        (name, values, heads),
-        *((force, wrench, FORCE) for wrench in wrenches),
-    ):
-        if numbers.shape[1] != len(meanings):
+    wanted = ["episode_index", "frame_index", *meanings]
+    parts = [parquet.read_table(f, columns=wanted, partitioning=None) for f in files]
+    table = pyarrow.concat_tables(parts)
+    episodes, frames = (table[index].to_numpy() for index in wanted[:2])
+    numbers = {}
+    for source, names in meanings.items():
+        lists = table[source].combine_chunks()
+        flat = lists.flatten().to_numpy(zero_copy_only=False)
+        if lists.null_count or len(flat) != len(lists) * len(names):
             raise ValueError(
-                f"{source} has {numbers.shape[1]} numbers, not {', '.join(meanings)}"
+                f"{source} does not have {len(names)} numbers in every row"
             )
+        numbers[source] = flat.astype(np.float64).reshape(-1, len(names))
     # The times are those of the frames, in seconds.
     settings = replace(settings, time_unit="s")
     recordings = []
     order = np.argsort(episodes, kind="stable")
     starts = np.flatnonzero(np.diff(episodes[order])) + 1
     for rows in np.split(order, starts):
-        columns = {
-            key: (values[rows, place], unit) for key, (place, unit) in places.items()
+        values = numbers[name][rows]
+        columns: dict[str, tuple[FloatArray, str | None]] = {
+            **{key: (values[:, at], unit) for key, (at, unit) in places.items()},
+            "t": (frames[rows] / rate, "s"),
         }
-        columns["t"] = (frames[rows] / rate, "s")
-        for wrench in wrenches:
-            columns |= {key: (wrench[rows, at], None) for at, key in enumerate(FORCE)}
+        if force is not None:
+            forces = numbers[force][rows].T
+            columns |= {key: (f, None) for key, f in zip(FORCE, forces, strict=True)}
         label = f"{path.name}: episode {int(episodes[rows[0]])}"
         motion = recording(label, columns, settings)
         if motion.quaternions is None and unused:
             motion = replace(motion, notes=(*motion.notes, not_used))
         recordings.append(replace(motion, forces_on="hand" if observed else None))
     return recordings
-
-
-def _rows(column: Any) -> FloatArray:
-    """Return lists of equal length as rows."""
-    lists = column.combine_chunks()
-    flat = lists.flatten().to_numpy(zero_copy_only=False)
-    if lists.null_count or len(lists) == 0 or len(flat) != len(lists) * len(lists[0]):
-        raise ValueError("a row lacks numbers, or has more than the first")
-    return np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)

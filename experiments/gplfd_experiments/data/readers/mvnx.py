@@ -20,8 +20,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     labels: dict[str, int] = {}
     of_body = False  # Gloves have lists of segments of their own.
     indices: list[int] = []
-    positions: list[FloatArray] = []
-    orientations: list[FloatArray] = []
+    rows: dict[str, list[FloatArray]] = {"position": [], "orientation": []}
     for event, element in ElementTree.iterparse(path, ("start", "end")):
         match event, element.tag.rpartition("}")[2]:
             case "start", "subject":
@@ -38,11 +37,16 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                 if element.get("type") == "normal":
                     _, place = chosen(segment, labels, "segment", file=path.name)
                     indices.append(int(element.get("index", "")))
-                    for what, width, rows in (
-                        ("position", 3, positions),
-                        ("orientation", 4, orientations),
-                    ):
-                        rows.append(_row(element, what, (len(labels), width))[place])
+                    for what, width in (("position", 3), ("orientation", 4)):
+                        texts = [c.text or "" for c in element if c.tag.endswith(what)]
+                        numbers = np.array(" ".join(texts).split(), dtype=np.float64)
+                        if numbers.size != len(labels) * width:
+                            raise ValueError(
+                                f"frame {indices[-1]}: {what} has {numbers.size} "
+                                f"numbers, and {len(labels)} segments need "
+                                f"{len(labels) * width}; export both from MVN"
+                            )
+                        rows[what].append(numbers.reshape(-1, width)[place])
                 element.clear()
     if not indices or not rate > 0.0:
         raise ValueError("it has no frameRate, or no frame of type normal")
@@ -50,26 +54,8 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         RawRecording(
             name=f"{path.name}: {segment}",
             times=np.array(indices) / rate,
-            positions=np.array(positions),
+            positions=np.array(rows["position"]),
             unit="m",
-            quaternions=np.array(orientations),
+            quaternions=np.array(rows["orientation"]),
         )
     ]
-
-
-def _row(frame: ElementTree.Element, what: str, shape: tuple[int, int]) -> FloatArray:
-    """Return the numbers of every segment in a frame, in this shape."""
-    index = frame.get("index")
-    texts = [child.text or "" for child in frame if child.tag.endswith(what)]
-    if len(texts) != 1:
-        raise ValueError(
-            f"frame {index} lacks its position or orientation, or has two; export both "
-            "from MVN"
-        )
-    numbers = np.array(texts[0].split(), dtype=np.float64)
-    if numbers.size != shape[0] * shape[1]:
-        raise ValueError(
-            f"frame {index}: {what} has {numbers.size} numbers, and {shape[0]} "
-            f"segments need {shape[0] * shape[1]}"
-        )
-    return numbers.reshape(shape)

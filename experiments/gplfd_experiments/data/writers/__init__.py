@@ -39,11 +39,7 @@ class Rows:
 
 
 def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
-    """Return the rows of a set of demonstrations.
-
-    Raises:
-        ValueError: The time steps are not equal, or differ from those of the others.
-    """
+    """Return the rows of demonstrations; raise ValueError unless steps are equal."""
     rows: list[Rows] = []
     for number, demonstration in enumerate(labelled.demonstrations):
         times, wrenches = demonstration.times, demonstration.wrenches
@@ -89,13 +85,10 @@ def export_demonstrations(
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (320, 240),
 ) -> int:
-    """Write a set of demonstrations or a data set of episodes for LeRobot.
+    """Write demonstrations or episodes for LeRobot, and return how many.
 
     Episodes are written with a number of rows per second (100, or 10 with pictures) and
     the pictures of some cameras, whose size is width and height [px].
-
-    Returns:
-        The number of demonstrations.
 
     Raises:
         ValueError: The target exists, the source is damaged or not sampled at equal

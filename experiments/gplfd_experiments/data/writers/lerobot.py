@@ -8,7 +8,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from PIL import Image
@@ -37,37 +37,60 @@ _ABOUT: Final = {
     "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "video_path": None,
 }
+_KINDS: Final = (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+_TASKS: Final = {
+    "index_columns": ["task"],
+    "columns": [
+        {"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy}
+        | {"metadata": None}
+        for name, pandas, numpy in _KINDS
+    ],
+    "column_indexes": [],
+}
+"""What pandas needs to know of the table of tasks, in which the task is the index."""
 
 
-class _Column(NamedTuple):
-    """A column of the table, with LeRobot's metadata."""
+class _Columns:
+    """The columns of all samples, one episode after the other."""
 
-    arrow: Any
-    feature: dict[str, Any]
-    samples: np.ndarray
-    """Values for statistics: (N, d), or (N, 3, 1, 1) for pictures."""
+    def __init__(self) -> None:
+        self.data: dict[str, Any] = {}
+        self.features: dict[str, dict[str, Any]] = {}
+        self.statistics: dict[str, dict[str, Any]] = {}
 
+    def add(
+        self, name: str, values: np.ndarray, names: list[str] | None = None
+    ) -> None:
+        """Add a column of numbers, (N,), or of vectors of them, (N, d)."""
+        samples = values.astype(np.float64).reshape(len(values), -1)
+        column, width = pyarrow.array(values.ravel()), samples.shape[1]
+        if values.ndim == 2:
+            column = pyarrow.FixedSizeListArray.from_arrays(column, width)
+        feature = {"dtype": str(values.dtype), "shape": [width], "names": names}
+        self._store(name, column, feature, samples)
 
-def _numbers(values: np.ndarray, names: list[str] | None = None) -> _Column:
-    """Return a column of numbers, (N,), or of vectors of them, (N, d)."""
-    samples = values.astype(np.float64).reshape(len(values), -1)
-    arrow, width = pyarrow.array(values.ravel()), samples.shape[1]
-    if values.ndim == 2:
-        arrow = pyarrow.FixedSizeListArray.from_arrays(arrow, width)
-    feature = {"dtype": str(values.dtype), "shape": [width], "names": names}
-    return _Column(arrow, feature, samples)
+    def stack(self, name: str, parts: Any, names: list[str] | None = None) -> None:
+        """Add a column of vectors in float32."""
+        self.add(name, np.vstack(parts).astype(np.float32), names)
 
+    def add_pictures(self, name: str, files: Sequence[bytes]) -> None:
+        """Add a column of PNG files."""
+        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
+        column = pyarrow.array([{"bytes": file, "path": None} for file in files], kind)
+        some = files[:: max(1, len(files) // _SAMPLED)]
+        pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
+        colours = np.concatenate([image.reshape(-1, 3, 1, 1) for image in pixels])
+        names = ["height", "width", "channels"]
+        feature = {"dtype": "image", "shape": list(pixels[0].shape), "names": names}
+        self._store(name, column, feature, colours / 255.0)
 
-def _pictures(files: Sequence[bytes]) -> _Column:
-    """Return a column of PNG files."""
-    kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
-    arrow = pyarrow.array([{"bytes": file, "path": None} for file in files], kind)
-    some = files[:: max(1, len(files) // _SAMPLED)]
-    pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
-    colours = np.concatenate([image.reshape(-1, 3, 1, 1) for image in pixels])
-    names = ["height", "width", "channels"]
-    feature = {"dtype": "image", "shape": list(pixels[0].shape), "names": names}
-    return _Column(arrow, feature, colours / 255.0)
+    def _store(self, name: str, column: Any, feature: Any, samples: np.ndarray) -> None:
+        """Store a column, and statistics of samples (N, d), or (N, 3, 1, 1)."""
+        self.data[name], self.features[name] = column, feature
+        self.statistics[name] = {"count": [len(column)]} | {
+            kind: getattr(samples, kind)(axis=0).tolist()
+            for kind in ("min", "max", "mean", "std")
+        }
 
 
 def write(path: Path, demonstrations: Sequence[Rows]) -> None:
@@ -84,36 +107,26 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
             f"LeRobot counts whole samples per second, got {demonstrations[0].rate:.4g}"
             "; import the recordings with --rate 100"
         )
-
-    def stacked(parts: Sequence[Any], names: list[str] | None = None) -> _Column:
-        return _numbers(np.vstack(parts).astype(np.float32), names)
-
-    # The columns of all samples, one episode after the other.
     lengths = np.array([len(rows.states) for rows in demonstrations])
-    episode = np.arange(len(lengths))
+    episode, ends = np.arange(len(lengths)), np.cumsum(lengths)
     frames = np.concatenate([np.arange(length) for length in lengths])
-    columns = {
-        STATE: stacked([rows.states for rows in demonstrations], _NAMES),
-        "action": stacked([rows.actions for rows in demonstrations], _NAMES),
-    }
+    columns = _Columns()
+    columns.stack(STATE, [rows.states for rows in demonstrations], _NAMES)
+    columns.stack("action", [rows.actions for rows in demonstrations], _NAMES)
     for name in sorted(set.intersection(*(set(r.signals) for r in demonstrations))):
-        parts = [rows.signals[name] for rows in demonstrations]
-        columns[f"observation.{name}"] = stacked(parts)
+        signals = [rows.signals[name] for rows in demonstrations]
+        columns.stack(f"observation.{name}", signals)
     if all(rows.wrenches is not None for rows in demonstrations):
-        wrenches = [rows.wrenches for rows in demonstrations]
-        columns[WRENCH] = stacked(wrenches, list(FORCE))
-        columns[WRENCH].feature["info"] = AS_OBSERVED
+        columns.stack(WRENCH, [rows.wrenches for rows in demonstrations], list(FORCE))
+        columns.features[WRENCH]["info"] = AS_OBSERVED
     for camera in demonstrations[0].pictures:
         files = [file for rows in demonstrations for file in rows.pictures[camera]]
-        columns[f"observation.images.{camera}"] = _pictures(files)
-    columns |= {
-        "timestamp": _numbers((frames / rate).astype(np.float32)),
-        "frame_index": _numbers(frames),
-        "episode_index": _numbers(np.repeat(episode, lengths)),
-        "index": _numbers(np.arange(len(frames))),
-        "task_index": _numbers(np.zeros(len(frames), dtype=np.int64)),
-    }
-    ends, zeros = np.cumsum(lengths), np.zeros(len(lengths), dtype=np.int64)
+        columns.add_pictures(f"observation.images.{camera}", files)
+    columns.add("timestamp", (frames / rate).astype(np.float32))
+    columns.add("frame_index", frames)
+    columns.add("episode_index", np.repeat(episode, lengths))
+    columns.add("index", np.arange(len(frames)))
+    columns.add("task_index", np.zeros(len(frames), dtype=np.int64))
     episodes = {
         "episode_index": episode,
         "tasks": [[rows.task] for rows in demonstrations],
@@ -121,46 +134,27 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "dataset_from_index": ends - lengths,
         "dataset_to_index": ends,
         **{
-            f"{part}/{index}_index": zeros
+            f"{part}/{index}_index": np.zeros(len(lengths), dtype=np.int64)
             for part in ("data", "meta/episodes")
             for index in ("chunk", "file")
         },
     }
     tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
-    # In this table, pandas uses the task as the index.
-    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
-    described = [
-        {"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy}
-        | {"metadata": None}
-        for name, (pandas, numpy) in kinds.items()
-    ]
-    index = {"index_columns": ["task"], "columns": described, "column_indexes": []}
-    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})
-    statistics = {
-        name: {
-            "count": [len(column.arrow)],
-            **{
-                statistic: getattr(column.samples, statistic)(axis=0).tolist()
-                for statistic in ("min", "max", "mean", "std")
-            },
-        }
-        for name, column in columns.items()
-    }
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_TASKS)})
     info = _ABOUT | {
         "total_episodes": len(demonstrations),
         "total_frames": len(frames),
         "fps": rate,
         "splits": {"train": f"0:{len(demonstrations)}"},
-        "features": {name: column.feature for name, column in columns.items()},
+        "features": columns.features,
     }
-    data = pyarrow.table({name: column.arrow for name, column in columns.items()})
     with complete_folder(path) as written:
         for table, file in (
-            (data, f"data/{_FILE}"),
+            (pyarrow.table(columns.data), f"data/{_FILE}"),
             (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
             (tasks, "meta/tasks.parquet"),
         ):
             (written / file).parent.mkdir(parents=True, exist_ok=True)
             pyarrow.parquet.write_table(table, written / file)
-        write_json(written / "meta/stats.json", statistics)
+        write_json(written / "meta/stats.json", columns.statistics)
         write_json(written / INFO, info, indent=4)
