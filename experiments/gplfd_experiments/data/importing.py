@@ -26,6 +26,11 @@ from gplfd_policies.demonstrations.npz import (
 )
 
 PICTURE: Final = "before_after.png"
+_TITLES: Final = (
+    ("recorded: position [m]", "prepared: position [m]"),
+    ("recorded: quaternion", "prepared: rotation vector [rad]"),
+    ("recorded: force [N]", "prepared: force [N]"),
+)
 
 
 def import_recordings(
@@ -47,7 +52,9 @@ def import_recordings(
         ValueError: A setting is wrong, or a file cannot be understood or used.
         OSError: A file cannot be read, or the set not be written.
     """
-    files = _expanded(files)
+    # Wildcards that the shell left alone.
+    matching = {f: [] if f.exists() else sorted(map(Path, glob(str(f)))) for f in files}
+    files = [path for file in files for path in matching[file] or [file]]
     check_folder(folder.parent)
     check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
     reading = progress_bar(
@@ -77,22 +84,10 @@ def import_recordings(
     return motions, text
 
 
-def _expanded(files: Sequence[Path]) -> list[Path]:
-    """Return files with those of wildcards that the shell left alone."""
-    every: list[Path] = []
-    for file in files:
-        matching = [file] if file.exists() else sorted(map(Path, glob(str(file))))
-        every += matching or [file]
-    return every
-
-
 def report(
     motions: Sequence[Motion], settings: ImportSettings, columns: int | None = None
 ) -> str:
-    """Return the settings as text, a row per motion, and every note.
-
-    The rows have the given number of columns, or all.
-    """
+    """Return the settings, a row of some columns or of all per motion, and notes."""
     frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
     done = [
         f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
@@ -133,22 +128,15 @@ def report(
 def draw(motions: Sequence[Motion], path: Path) -> None:
     """Write a picture: recorded motions on the left, prepared ones on the right.
 
-    Positions are in the upper row, orientations below: the components of the recorded
-    quaternions, and of the resulting rotation vectors. If a motion has forces, a third
-    row shows those of the hand on what it holds, in the axes of the recorded and of the
-    prepared poses.
+    Below positions are recorded quaternions and the resulting rotation vectors, and
+    forces, if any, of the hand on what it holds, in the axes of the poses.
     """
     from matplotlib.figure import Figure
 
     forces = any(motion.demonstration.wrenches is not None for motion in motions)
-    titles = (
-        ("recorded: position [m]", "prepared: position [m]"),
-        ("recorded: quaternion", "prepared: rotation vector [rad]"),
-        ("recorded: force [N]", "prepared: force [N]"),
-    )[: 3 if forces else 2]
-    figure = Figure(figsize=(11.0, 3.25 * len(titles)), layout="constrained")
-    grid = figure.subplots(len(titles), 2)
-    for (row, column), axes in np.ndenumerate(grid):
+    rows = 3 if forces else 2
+    figure = Figure(figsize=(11.0, 3.25 * rows), layout="constrained")
+    for (row, column), axes in np.ndenumerate(figure.subplots(rows, 2)):
         names = ("w", "x", "y", "z") if (row, column) == (1, 0) else ("x", "y", "z")
         for number, motion in enumerate(motions):
             drawn = motion.demonstration if column else motion.recorded
@@ -161,7 +149,7 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
                 # The number that the report gives it.
                 end = clock[-1], component[-1]
                 axes.annotate(str(number), end, fontsize=6, color=f"C{place}")
-        axes.set_title(titles[row][column], loc="left", fontsize=10)
+        axes.set_title(_TITLES[row][column], loc="left", fontsize=10)
         axes.legend(axes.lines[: len(names)], names)
         axes.grid(alpha=0.3)
         if row:

@@ -70,20 +70,19 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment with a seed and begin a new recording."""
-        observation, info = self.env.reset(
-            seed=seed, options=dict(options or {}) or None
-        )
-        self._reset = {"seed": seed, "options": _storable(options or {})}
+        options = dict(options or {})
+        observation, info = self.env.reset(seed=seed, options=options or None)
+        self._reset = {"seed": seed, "options": _storable(options)}
         self._seen, self._steps = [], []
         self._keep(observation, info)
         return observation, info
 
     def step(self, action: NDArray[Any]) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and store a row."""
-        taken = np.array(action, dtype=np.float64)
+        row: dict[str, Any] = {"actions": np.array(action, dtype=np.float64)}
         observation, reward, terminated, truncated, info = self.env.step(action)
-        results = {"terminations": terminated, "truncations": truncated}
-        self._steps.append({"actions": taken, "rewards": float(reward), **results})
+        row |= {"rewards": float(reward), "terminations": terminated}
+        self._steps.append(row | {"truncations": truncated})
         self._keep(observation, info)
         return observation, reward, terminated, truncated, info
 
@@ -116,6 +115,13 @@ def _storable(value: Any) -> Any:
     return {name: _storable(part) for name, part in value.items() if part is not None}
 
 
+def _plain(value: Any) -> Any:
+    """Return attributes of HDF5 as numbers, texts and nested mappings."""
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
 def write_dataset(
     folder: str | Path,
     episodes: Iterable[EpisodeBuffer],
@@ -127,15 +133,9 @@ def write_dataset(
 ) -> None:
     """Write a data set; ``folder`` appears after the last episode.
 
-    Args:
-        folder: Where the data set goes. Its name is the data set's id, by which Minari
-            finds it if ``MINARI_DATASETS_PATH`` is the folder above.
-        episodes: At least one; iterated after the check that the folder is writable.
-        env: Environment made by ``gym.make`` in which the episodes ran, which Minari's
-            ``recover_environment`` makes again.
-        policy: Name of the policy that acted.
-        config: Settings of the recording, stored as metadata; JSON-able.
-        overwrite: Replace an existing data set.
+    Its name is the data set's id, by which Minari finds it if ``MINARI_DATASETS_PATH``
+    is the folder above. ``env``, in which the episodes ran, is made by ``gym.make``:
+    Minari's ``recover_environment`` makes it again. ``config`` is stored as metadata.
 
     Raises:
         ValueError: The name is not an id, the folder exists, or there is no episode.
@@ -200,11 +200,7 @@ class Dataset:
         return len(self.stored)
 
     def make_environment(self) -> gym.Env[Any, Any]:
-        """Make the environment anew.
-
-        Raises:
-            ValueError: The installed version cannot make it with these arguments.
-        """
+        """Make the environment anew; raise ValueError if this version cannot."""
         try:
             # By its spec, because Gymnasium warns about an id with a newer version.
             return gym.make(gym.spec(self.environment), **self.arguments)
@@ -214,10 +210,7 @@ class Dataset:
             ) from error
 
     def contents(self, columns: int | None = None) -> str:
-        """Return the origin of the data set, and a line per episode.
-
-        The lines have the given number of columns, or all.
-        """
+        """Return the origin, and a line per episode of some columns, or of all."""
         rows = []
         for number in range(self.n_episodes):
             episode = self.episode(number)
@@ -233,28 +226,21 @@ class Dataset:
                 "return": f"{episode.rewards.sum():.3f}",
             }
             rows.append(row)
-        made = entry(self.origin, "created", str)
         command = " ".join(entry(self.origin, "command", tuple[str, ...]))
         versions = entry(self.origin, "versions", dict[str, str])
-        return "\n".join(
-            [
-                f"{self.stored.id}: policy {self.policy} in {self.environment}, "
-                f"{self.n_episodes} episodes",
-                self.stored.storage.metadata["description"],
-                f"recorded {made} by `{command}`",
-                ", ".join(f"{name} {version}" for name, version in versions.items()),
-                "",
-                text_table(Table.of(rows), columns),
-            ]
+        return (
+            f"{self.stored.id}: policy {self.policy} in {self.environment}, "
+            f"{self.n_episodes} episodes\n"
+            f"{self.stored.storage.metadata['description']}\n"
+            f"recorded {entry(self.origin, 'created', str)} by `{command}`\n"
+            f"{', '.join(map(' '.join, versions.items()))}\n\n"
+            f"{text_table(Table.of(rows), columns)}"
         )
 
     def episode(self, number: int) -> EpisodeBuffer:
-        """Read an episode of T steps.
+        """Read an episode of T steps; raise ValueError if it is damaged.
 
         Observations and infos have T + 1 rows; the first is from the reset.
-
-        Raises:
-            ValueError: It cannot be read, or is incomplete.
         """
         try:
             (metadata,) = self.stored.storage.get_episode_metadata([number])
@@ -276,13 +262,6 @@ class Dataset:
             ) from error
 
 
-def _plain(value: Any) -> Any:
-    """Return attributes of HDF5 as numbers, texts and nested mappings."""
-    if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
 def open_dataset(path: str | Path) -> Dataset:
     """Open a data set that ``gplfd demos record`` wrote, by its folder.
 
@@ -300,7 +279,6 @@ def open_dataset(path: str | Path) -> Dataset:
     with naming(folder):
         if _KIND not in metadata:
             raise ValueError("this was not recorded by `gplfd demos record`")
-        origin = entry(metadata, _KIND, dict[str, Any])
         # Without spaces, Minari makes the environment, which can be any code.
         for name in ("observation_space", "action_space"):
             entry(metadata, name, str)
@@ -308,20 +286,17 @@ def open_dataset(path: str | Path) -> Dataset:
         environment = entry(spec, "id", str)
         if not (environment.startswith("gplfd/") and environment in gym.registry):
             raise ValueError(f"{environment} is no environment of gplfd")
-        arguments = entry(spec, "kwargs", dict[str, Any])
-        limit = entry(spec, "max_episode_steps", int | None)
-        if limit is not None:
-            arguments["max_episode_steps"] = limit
-        arguments.pop("render_mode", None)
+        limit = {"max_episode_steps": entry(spec, "max_episode_steps", int | None)}
+        arguments = entry(spec, "kwargs", dict[str, Any]) | _storable(limit)
         try:
             stored = minari.MinariDataset(folder / "data")
         except Exception as error:
             raise ValueError(f"Minari cannot open it: {error!s:.300}") from error
-    return Dataset(
-        path=folder,
-        stored=stored,
-        policy=entry(metadata, "algorithm_name", str),
-        environment=environment,
-        arguments=arguments,
-        origin=origin,
-    )
+        return Dataset(
+            path=folder,
+            stored=stored,
+            policy=entry(metadata, "algorithm_name", str),
+            environment=environment,
+            arguments={n: arguments[n] for n in arguments if n != "render_mode"},
+            origin=entry(metadata, _KIND, dict[str, Any]),
+        )
