@@ -19,7 +19,7 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.preparation import ImportSettings, prepare
 from gplfd_experiments.data.preparation.samples import Notes, usable
-from gplfd_experiments.data.readers.formats import read_here
+from gplfd_experiments.data.readers import read_here
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations

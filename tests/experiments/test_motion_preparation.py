@@ -17,7 +17,7 @@ from gplfd_experiments.data.preparation.frames import doubtful_rotation, find_hi
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.preparation.timing import outliers
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.formats import read_here
+from gplfd_experiments.data.readers import read_here
 
 pytestmark = pytest.mark.slow
 

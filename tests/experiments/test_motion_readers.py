@@ -29,8 +29,12 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation import ImportSettings, prepare
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers import read_files, read_recordings
-from gplfd_experiments.data.readers.formats import READERS, read_here
+from gplfd_experiments.data.readers import (
+    READERS,
+    read_files,
+    read_here,
+    read_recordings,
+)
 from gplfd_experiments.data.settings import METRES
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -18,7 +18,7 @@ _WIDTHS: Final = {"positions": (3,), "times": (), "quaternions": (4,), "wrenches
 """Arrays of a recording, and the shape of a sample of each."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class RawRecording:
     """One motion of a hand as read from a file, before any check of its usability.
 

@@ -8,6 +8,7 @@ sources, of which one is selected (``/hand:frame``, ``/tf:child:parent``).
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from urllib.parse import quote
@@ -28,15 +29,15 @@ with optional_libraries("ROS bags need rosbags", "ros"):
 
 _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
-_TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_MOVING: Final = {
+_MOVING: Final = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Odometry",
+    "tf2_msgs/msg/TFMessage",
+    "tf/msg/tfMessage",
     _JOINTS,
-    *_TRANSFORMS,
-}
+)
 """Types of messages that say where something is."""
 
 
@@ -58,30 +59,25 @@ class _Message(NamedTuple):
     of_many: bool
     """Whether it is one of many transforms."""
 
-    @property
-    def row(self) -> tuple[float, ...]:
-        """Position [m] and quaternion, scalar first; or force [N] and torque [N m]."""
-        inner = self.content
-        if hasattr(inner, "wrench"):
-            f, m = inner.wrench.force, inner.wrench.torque
-            return (f.x, f.y, f.z, m.x, m.y, m.z)
-        while hasattr(inner, "pose"):
-            inner = inner.pose
-        if hasattr(inner, "transform"):
-            p, q = inner.transform.translation, inner.transform.rotation
-        else:
-            p, q = inner.position, inner.orientation
-        return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+
+def _row(message: Any) -> tuple[float, ...]:
+    """Return position [m] and quaternion, scalar first; or force [N], torque [N m]."""
+    if hasattr(message, "wrench"):
+        f, m = message.wrench.force, message.wrench.torque
+        return (f.x, f.y, f.z, m.x, m.y, m.z)
+    while hasattr(message, "pose"):
+        message = message.pose
+    if hasattr(message, "transform"):
+        p, q = message.transform.translation, message.transform.rotation
+    else:
+        p, q = message.position, message.orientation
+    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
 
 
 def _clock(messages: Sequence[_Message]) -> tuple[FloatArray, int]:
-    """Return times since the first stamp [s], (N,), and this stamp [ns].
-
-    Without stamps, the times of logging are used.
-    """
-    clock = np.array([message.stamp for message in messages], dtype=np.int64)
-    if not clock.any():
-        clock = np.array([message.logged for message in messages], dtype=np.int64)
+    """Return times since the first [s], (N,), and the first, of stamps or logs [ns]."""
+    stamps, logged = np.array([message[:2] for message in messages], dtype=np.int64).T
+    clock = stamps if stamps.any() else logged
     return np.asarray((clock - clock[0]) * 1e-9), int(clock[0])
 
 
@@ -115,10 +111,8 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         kinds = {connection.topic: connection.msgtype for connection in bag.connections}
         moving = {name: kind for name, kind in kinds.items() if kind in _MOVING}
         if not moving:
-            listed = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
-            raise ValueError(
-                f"it has no topic of poses or joints, but {listed or 'none'}"
-            )
+            listed = ", ".join(map(" of ".join, kinds.items())) or "none"
+            raise ValueError(f"it has no topic of poses or joints, but {listed}")
         wanted, *parts = (settings.body or "").split(":")
         topic, kind = chosen(wanted or None, moving, "topic", file=path.name)
         forces = {name: name for name, kind in kinds.items() if kind == _WRENCH}
@@ -137,11 +131,10 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             if publisher is None and names.count(connection.topic) > 1:
                 publisher = f"channel {connection.id}"
             for item in getattr(message, "transforms", [message]):
-                frames = (getattr(item, "child_frame_id", None), item.header.frame_id)
-                source = [frame.strip("/") for frame in frames if frame is not None]
+                head, child = item.header, getattr(item, "child_frame_id", None)
+                source = [frame.strip("/") for frame in (child, head.frame_id) if frame]
                 source += [publisher] if publisher else []
-                sec, ns = item.header.stamp.sec, item.header.stamp.nanosec
-                stamp = int(sec) * 10**9 + int(ns)
+                stamp = int(head.stamp.sec) * 10**9 + int(head.stamp.nanosec)
                 received[connection.topic].append(
                     _Message(stamp, logged, tuple(source), item, item is not message)
                 )
@@ -149,7 +142,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         track, poses = _poses_of_link(received[topic], parts, settings)
     else:
         track = _of_one_source(received[topic], topic, parts, "--body")
-        poses = np.array([message.row for message in track])
+        poses = np.array([_row(message.content) for message in track])
     times, begin = _clock(track)
     wrenches = None
     if received[force]:
@@ -158,33 +151,20 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         if restarts(times) or restarts(clock):
             notes.append("forces left out: the clock restarts; cut the bag there")
         else:
-            rows = np.array([message.row for message in felt])
-            shifted = clock + (first - begin) * 1e-9
-            wrenches = _at_times(times, shifted, rows)
-    return [
-        RawRecording(
-            name=f"{path.name}: {':'.join([topic, *parts])}",
-            times=times,
-            positions=poses[:, :3],
-            unit="m",
-            quaternions=poses[:, 3:],
-            wrenches=wrenches,
-            notes=tuple(notes),
-        )
-    ]
-
-
-def _at_times(times: FloatArray, clock: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return rows at other times, NaN where none was recorded close to them."""
-    order = np.argsort(clock, kind="stable")
-    clock = clock[order]
-    values = interpolated(times, clock, rows[order])
-    padded = np.concatenate([[-np.inf], clock, [np.inf]])
-    after = np.searchsorted(clock, times) + 1
-    nearest = np.minimum(times - padded[after - 1], padded[after] - times)
-    steps = [np.median(np.diff(stamps)) for stamps in (times, clock) if len(stamps) > 1]
-    values[nearest > max(steps, default=0.0)] = np.nan
-    return values
+            # At the times of the poses; missing if none was recorded close to a pose.
+            rows = np.array([_row(message.content) for message in felt])
+            order = np.argsort(clock, kind="stable")
+            clock = clock[order] + (first - begin) * 1e-9
+            wrenches = interpolated(times, clock, rows[order])
+            padded = np.concatenate([[-np.inf], clock, [np.inf]])
+            after = np.searchsorted(clock, times) + 1
+            nearest = np.minimum(times - padded[after - 1], padded[after] - times)
+            steps = [np.median(np.diff(t)) for t in (times, clock) if len(t) > 1]
+            wrenches[nearest > max(steps, default=0.0)] = np.nan
+    name, positions, turned = ":".join([topic, *parts]), poses[:, :3], poses[:, 3:]
+    label = f"{path.name}: {name}"
+    motion = RawRecording(label, positions, "m", times, turned, wrenches=wrenches)
+    return [replace(motion, notes=tuple(notes))]
 
 
 def _poses_of_link(
@@ -193,9 +173,7 @@ def _poses_of_link(
     """Return the poses of a robot's link, from when each of its joints was seen."""
     urdf, link = settings.urdf, settings.link
     if urdf is None or link is None:
-        raise ValueError(
-            "joint states need the robot and its hand: --urdf FILE --link NAME"
-        )
+        raise ValueError("joint states need a robot's --urdf FILE and --link NAME")
     import yourdfpy
 
     regular_file(urdf, "a URDF file (--urdf)")
@@ -210,13 +188,13 @@ def _poses_of_link(
     positions: dict[str, float] = {}
     sources: defaultdict[str, set[str]] = defaultdict(set)
     track, rows = list[_Message](), list[FloatArray]()
-    messages = [m for m in messages if m.source[: len(wanted)] == tuple(wanted)]
     for message in messages:
+        if message.source[: len(wanted)] != tuple(wanted):
+            continue
         names, values = message.content.name, message.content.position
         if len(values) not in (0, len(names)):
-            raise ValueError(
-                f"a joint state has {len(names)} names and {len(values)} positions"
-            )
+            number = f"{len(names)} names and {len(values)} positions"
+            raise ValueError(f"a joint state has {number}")
         seen = {n: v for n, v in zip(names, values, strict=False) if n in chain}
         for name in seen:
             sources[name].add(":".join(message.source))

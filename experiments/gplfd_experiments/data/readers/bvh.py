@@ -50,15 +50,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             f"{np.isfinite(numbers).sum()} numbers: it is cut, or from another program"
         )
     positions, rotations = _kinematics(joint, numbers.reshape(count, width))
-    return [
-        RawRecording(
-            name=f"{path.name}: {body}",
-            times=np.asarray(np.arange(count) * period),
-            positions=positions,
-            unit=None,
-            quaternions=rotations.as_quat(scalar_first=True),
-        )
-    ]
+    times = np.asarray(np.arange(count) * period)
+    quaternions = rotations.as_quat(scalar_first=True)
+    return [RawRecording(f"{path.name}: {body}", positions, None, times, quaternions)]
 
 
 def _skeleton(hierarchy: str) -> tuple[dict[str, list[_Joint]], int]:

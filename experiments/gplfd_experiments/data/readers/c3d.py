@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -72,16 +73,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         raise ValueError(
             f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}; say --units"
         )
-    return [
-        RawRecording(
-            name=f"{path.name}: {body}",
-            times=np.arange(len(positions)) / rate,
-            positions=positions,
-            unit=_UNITS.get(unit),
-            quaternions=quaternions,
-            notes=tuple(notes),
-        )
-    ]
+    name, times = f"{path.name}: {body}", np.arange(count) / rate
+    motion = RawRecording(name, positions, _UNITS.get(unit), times, quaternions)
+    return [replace(motion, notes=tuple(notes))]
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:

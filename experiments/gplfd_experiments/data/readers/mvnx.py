@@ -50,12 +50,6 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                 element.clear()
     if not indices or not rate > 0.0:
         raise ValueError("it has no frameRate, or no frame of type normal")
-    return [
-        RawRecording(
-            name=f"{path.name}: {segment}",
-            times=np.array(indices) / rate,
-            positions=np.array(rows["position"]),
-            unit="m",
-            quaternions=np.array(rows["orientation"]),
-        )
-    ]
+    positions, quaternions = map(np.array, rows.values())
+    times, name = np.array(indices) / rate, f"{path.name}: {segment}"
+    return [RawRecording(name, positions, "m", times, quaternions)]

@@ -8,6 +8,7 @@ Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, 
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -219,10 +220,7 @@ def named_columns(
 
 
 def recording(
-    name: str,
-    columns: Columns,
-    settings: ImportSettings,
-    unused: Iterable[str] = (),
+    name: str, columns: Columns, settings: ImportSettings, unused: Iterable[str] = ()
 ) -> RawRecording:
     """Return the motion in columns; raise ValueError if a unit does not fit them."""
     notes: list[str] = []
@@ -309,17 +307,8 @@ def recording(
         notes.append(f"columns {listed(unused)} are not used")
     positions, unit = quantity(POSITION)
     signals = {"gripper": quantity(("gripper",))[0]} if "gripper" in columns else {}
-    return RawRecording(
-        name=name,
-        positions=positions,
-        unit=unit,
-        times=times,
-        quaternions=quaternions,
-        reading=reading,
-        wrenches=wrenches,
-        signals=signals,
-        notes=tuple(notes),
-    )
+    motion = RawRecording(name, positions, unit, times, quaternions, reading, wrenches)
+    return replace(motion, signals=signals, notes=tuple(notes))
 
 
 def array_columns(name: str, shape: tuple[int, ...], settings: ImportSettings) -> Names:
