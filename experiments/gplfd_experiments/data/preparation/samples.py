@@ -110,9 +110,6 @@ def of_one_clock(raw: RawRecording, settings: ImportSettings) -> list[RawRecordi
 def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples:
     """Return the usable samples of a motion, in metres and in order of time.
 
-    Here the settings of unit and rate are combined with what the file states; columns
-    have units of their own, see `readers.tables`, and forces a sensor, see `frames`.
-
     Raises:
         ValueError: It has no time stamps and no rate is given, too few samples are
             usable, or the quaternions are invalid.
@@ -127,10 +124,10 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
             notes.warn(f"its time stamps replaced: {settings.recorded_rate:g} Hz")
         times = np.arange(number) / settings.recorded_rate
     elif times is None:
+        problem = "; ".join([f"{raw.name} has no time stamps", *raw.notes])
         raise ValueError(
-            f"{'; '.join((f'{raw.name} has no time stamps', *raw.notes))}; say how many"
-            " samples it has per second, --recorded-rate 100, or what is the time, "
-            "--columns t=NAME"
+            f"{problem}; say how many samples it has per second, --recorded-rate 100, "
+            "or what is the time, --columns t=NAME"
         )
     complete = np.abs(times) < _LATEST
     complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
@@ -144,8 +141,7 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
             index = int(np.argmax(wrong))
             raise ValueError(
                 f"{raw.name}: the quaternion of sample {index} has norm "
-                f"{norms[index]:.4g}, must be 1; are these the columns of the "
-                "quaternion?"
+                f"{norms[index]:.4g}, must be 1; are these its columns?"
             )
         quaternions = raw.quaternions / np.where(turned, norms, 1.0)[:, None]
         complete &= turned & ~_lost(quaternions, [1.0, 0.0, 0.0, 0.0])
@@ -187,10 +183,7 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
 
 
 def _lost(values: FloatArray, neutral: Sequence[float]) -> NDArray[np.bool_]:
-    """Return which samples are exactly neutral, (N,), if no other sample is near it.
-
-    A tracker that lost the hand writes them.
-    """
+    """Return which samples a lost tracker made exactly neutral, far from all others."""
     at_neutral = (values == neutral).all(axis=1)
     others = values[~at_neutral & np.isfinite(values).all(axis=1)]
     if len(others) < 2 or not at_neutral.any():
@@ -232,11 +225,9 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:
-    """Remove short excursions of the tracker, and warn about jumps.
+    """Remove samples between two jumps of the tracker, and warn about single jumps.
 
-    A jump is a step far longer than usual and faster than a hand. If another jump leads
-    back within a few samples, the samples between are removed; otherwise the jump
-    stays.
+    A jump is a step far longer than usual and faster than a hand.
     """
     steps = np.diff(samples.times)
     lengths = np.linalg.norm(np.diff(samples.positions, axis=0), axis=1)

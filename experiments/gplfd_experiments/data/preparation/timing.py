@@ -1,6 +1,5 @@
 """Repetitions, gaps, filtering and resampling of a motion."""
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,10 +39,14 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     """
     if how == "none":
         return [samples]
-    if how == "rests":
-        spans = _between_rests(samples, notes)
+    if isinstance(how, str):
+        spans, forth = (_between_rests if how == "rests" else _between_turns)(samples)
+        kept, others = np.count_nonzero(forth), np.count_nonzero(~forth)
+        left_out = f", {others} other motions left out" if others else ""
+        notes.add(f"{kept} repetitions between {how}{left_out}")
+        spans = spans[forth]
     else:
-        spans = _between_turns(samples, notes) if how == "turns" else list(how)
+        spans = np.array(how)
     parts = [_between(samples, start, end) for start, end in spans]
     for part, (start, end) in zip(parts, spans, strict=True):
         if len(part.times) < 2:
@@ -58,8 +61,8 @@ def _between(samples: Samples, start: float, end: float) -> Samples:
     return samples[(samples.times >= start) & (samples.times <= end)]
 
 
-def _between_rests(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
-    """Return the spans between rests [s], without motions back and short motions."""
+def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return spans between rests [s], (M, 2), and which are whole and not back."""
     # The speed of the smoothed hand in metres and half radians per second.
     clock, smooth = _smoothed(samples)
     reach = max(1, round(_REACH / samples.step))
@@ -74,18 +77,17 @@ def _between_rests(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
     ends = samples.times[np.flatnonzero(edges == -1) - 1]
     apart = starts[1:] - ends[:-1] >= _LEAST_REST
     starts, ends = starts[np.r_[True, apart]], ends[np.r_[apart, True]]
-    spans = list(zip(starts - _MARGIN, ends + _MARGIN, strict=True))
+    spans = np.column_stack([starts - _MARGIN, ends + _MARGIN])
     # Motions that are long enough, in the direction of the first.
     runs = [_between(samples, start, end).poses for start, end in spans]
     ways = np.array([np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in runs])
     long = ways >= _LEAST_PATH * ways.max()
     moved = np.array([poses[-1] - poses[0] for poses in runs])
-    forth = long & (moved @ moved[np.argmax(long)] > 0.0)
-    return _kept(spans, forth, notes, "rests", long & ~forth, ~long, "short motions")
+    return spans, long & (moved @ moved[np.argmax(long)] > 0.0)
 
 
-def _between_turns(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
-    """Return the spans between turns [s], in the direction of the first.
+def _between_turns(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return spans between turns [s], (M, 2), and which are whole and not back.
 
     A turn is an extreme of the position along its first principal direction.
     """
@@ -96,30 +98,11 @@ def _between_turns(samples: Samples, notes: Notes) -> list[tuple[float, float]]:
     if not high > low:
         raise ValueError("positions are constant: there are no turning points")
     turns = _turns(way, _TURNED_BACK * (high - low))
-    lengths, spans = np.diff(way[turns]), list(itertools.pairwise(clock[turns]))
+    lengths, times = np.diff(way[turns]), clock[turns]
     attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
-    whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths[attempt]))
-    forth = whole & (lengths * lengths[np.argmax(whole)] > 0.0)
-    incomplete = attempt & ~whole
-    return _kept(spans, forth, notes, "turns", whole & ~forth, incomplete, "incomplete")
-
-
-def _kept(
-    spans: list[tuple[float, float]],
-    forth: NDArray[np.bool_],
-    notes: Notes,
-    ends: str,
-    back: NDArray[np.bool_],
-    short: NDArray[np.bool_],
-    kind: str,
-) -> list[tuple[float, float]]:
-    """Return the spans of motions forth, and note the others."""
-    text = f"{np.count_nonzero(forth)} repetitions between {ends}"
-    for left_out, name in ((back, "motions back"), (short, kind)):
-        if left_out.any():
-            text += f", {np.count_nonzero(left_out)} {name} left out"
-    notes.add(text)
-    return [span for span, keep in zip(spans, forth, strict=True) if keep]
+    spans, lengths = np.column_stack([times[:-1], times[1:]])[attempt], lengths[attempt]
+    whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths))
+    return spans, whole & (lengths * lengths[np.argmax(whole)] > 0.0)
 
 
 def _turns(way: FloatArray, least: float) -> list[int]:
@@ -189,15 +172,15 @@ def filtered(samples: Samples, cutoff: float, notes: Notes) -> Samples:
     if cutoff == 0.0:
         return samples
     rate = 1.0 / samples.step
-    span = float(samples.times[-1] - samples.times[0])
-    number = round(span * rate) + 1
+    start, end = samples.times[[0, -1]]
+    number = round(float(end - start) * rate) + 1
     if rate < _OVERSAMPLED * cutoff or number <= 6 * _ORDER:
         notes.add(f"not filtered: {len(samples.times)} samples at {rate:.3g} Hz")
         return samples
-    even = _resampled(samples, np.linspace(samples.times[0], samples.times[-1], number))
-    sections = butter(_ORDER, cutoff, fs=(number - 1) / span, output="sos")
-    low_passed = partial(sosfiltfilt, sections, axis=0)
-    return _with_unit_quaternions(even.mapped(low_passed))
+    even = _resampled(samples, np.linspace(start, end, number))
+    rate = (number - 1) / float(end - start)
+    sections = butter(_ORDER, cutoff, fs=rate, output="sos")
+    return _unit_quaternions(even.mapped(partial(sosfiltfilt, sections, axis=0)))
 
 
 def at_rate(samples: Samples, rate: float, most: int) -> Samples:
@@ -210,12 +193,11 @@ def at_rate(samples: Samples, rate: float, most: int) -> Samples:
     start, end = samples.times[[0, -1]]
     number = max(2, round((end - start) * rate) + 1)
     if number > most:
-        likely = likely_time_unit(samples.step)
-        hint = f"; are times in {likely}? say --time-unit {likely}"
+        likely = likely_time_unit(samples.step) or "s"
+        hint = f"; are times in {likely}? say --time-unit {likely}" * (likely != "s")
         raise ValueError(
             f"at {rate:g} samples per second it has {number:,} samples, but at most "
-            f"{most:,} more are allowed; give a lower --rate, or cut it (--segment)"
-            + ("" if likely in (None, "s") else hint)
+            f"{most:,} more are allowed; give a lower --rate, or cut it{hint}"
         )
     even = _resampled(samples, np.linspace(start, end, number))
     return replace(even, times=even.times - start)
@@ -223,14 +205,14 @@ def at_rate(samples: Samples, rate: float, most: int) -> Samples:
 
 def _resampled(samples: Samples, times: FloatArray) -> Samples:
     """Return the motion at other times, linearly interpolated."""
-    at_times = partial(interpolated, times, samples.times)
-    return _with_unit_quaternions(replace(samples.mapped(at_times), times=times))
+    at_times = samples.mapped(partial(interpolated, times, samples.times))
+    return _unit_quaternions(replace(at_times, times=times))
 
 
-def _with_unit_quaternions(samples: Samples) -> Samples:
-    positions, quaternions = samples.poses[:, :3], samples.poses[:, 3:]
+def _unit_quaternions(samples: Samples) -> Samples:
+    quaternions = samples.poses[:, 3:]
     norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return replace(samples, poses=np.hstack([positions, quaternions / norms]))
+    return replace(samples, poses=np.hstack([samples.positions, quaternions / norms]))
 
 
 def outliers(ways: Sequence[FloatArray]) -> dict[int, str]:

@@ -48,8 +48,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                     "it is of version 7.3; save it again: save(..., '-v7')"
                 )
             for variable, value in scipy.io.loadmat(path, appendmat=False).items():
-                if not variable.startswith("__"):
-                    arrays.update(_in_cells(value, variable))
+                arrays.update(_in_cells(value, variable))
         elif isinstance(loaded := np.load(stream, allow_pickle=False), np.ndarray):
             arrays["the array"] = loaded
         else:
@@ -75,32 +74,24 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         )
     sets = _sets(motions)
     _, keys = chosen(settings.body, sets, "set of recordings", file=path.name)
-    names = [path.name if len(keys) == 1 else f"{path.name}: {key}" for key in keys]
     return [
-        from_names(name, motions[key], settings)
-        for name, key in zip(names, keys, strict=True)
+        from_names(_label(path.name, key, keys), motions[key], settings) for key in keys
     ]
 
 
 def _in_cells(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and array, also of those in a cell or structure of MATLAB.
-
-    The names are MATLAB's: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``; the
-    index of a single structure is omitted.
-    """
+    """Yield name and array, also of those in cells, a{3}, and structures, s(4).t."""
     if not isinstance(value, np.ndarray):
         return
-    parts = enumerate(value.ravel(order="F"), start=1)
-    if value.dtype.names is not None:
-        for number, structure in parts:
-            index = f"({number})" if value.size > 1 else ""
-            for field in value.dtype.names:
-                yield from _in_cells(structure[field], f"{name}{index}.{field}")
-    elif value.dtype == object:
-        for number, cell in parts:
-            yield from _in_cells(cell, f"{name}{{{number}}}")
-    else:
+    if not value.dtype.hasobject:
         yield name, value
+        return
+    for number, part in enumerate(value.ravel(order="F"), start=1):
+        index = f"({number})" if value.size > 1 else ""
+        for field in value.dtype.names or ():
+            yield from _in_cells(part[field], f"{name}{index}.{field}")
+        if value.dtype.names is None:
+            yield from _in_cells(part, f"{name}{{{number}}}")
 
 
 def _parted(key: str) -> tuple[str, str, str]:
@@ -121,30 +112,19 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
     """Return the arrays of every structure that has positions, or of the whole file.
 
     A structure may contain its motions as cells, ``s.pos{1}`` with ``s.time{1}``, or
-    with ``s.time`` for all.
+    with ``s.time`` for all. A single cell may contain the times of the only motion.
     """
-
-    def has_positions(fields: _Arrays) -> bool:
-        return any(
-            understood(field)[0] == "x" or ARRAYS.get(field.lower()) == POSITION
-            for field in fields
-        )
-
-    structures: dict[str, dict[str, dict[str, FloatArray]]] = {}
-    for key, array in arrays.items():
-        where, field, index = _parted(key)
-        if array.size > 1:
-            structures.setdefault(where, {}).setdefault(index, {})[field] = array
+    parts = {key: _parted(key) for key, array in arrays.items() if array.size > 1}
     motions: dict[str, _Arrays] = {}
-    for where, cells in structures.items():
-        shared = cells.pop("", {})
-        moving = {index: part for index, part in cells.items() if has_positions(part)}
-        for index, fields in moving.items():
-            motions[f"{where}{index}"] = shared | fields
-        if not moving and has_positions(shared):
-            # A single cell may contain the times of the only motion.
-            single = next(iter(cells.values())) if len(cells) == 1 else {}
-            motions[where] = single | shared
+    for where, field, index in parts.values():
+        if understood(field)[0] == "x" or ARRAYS.get(field.lower()) == POSITION:
+            cells = {cell for other, _, cell in parts.values() if other == where} - {""}
+            beside = {"", index} | (cells if len(cells) == 1 else set())
+            motions[where + index] = {
+                name: arrays[key]
+                for key, (other, name, cell) in parts.items()
+                if other == where and cell in beside
+            }
     return motions
 
 
@@ -194,6 +174,11 @@ def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     return array
 
 
+def _label(file: str, key: str, keys: list[str]) -> str:
+    """Return the name of one of the motions in a file."""
+    return file if len(keys) == 1 else f"{file}: {key}"
+
+
 def _is_vector(array: FloatArray) -> bool:
     return array.size == max(array.shape, default=0)
 
@@ -211,37 +196,31 @@ def _from_columns(
     Several arrays, ``--body A,B``, are joined side by side. Times in the same structure
     or file belong to the columns.
     """
-    sets = _sets(key for key, array in numbers.items() if 1 <= array.ndim <= 3)
     body, parts = settings.body, [settings.body]
+    sets = _sets(key for key, array in numbers.items() if 1 <= array.ndim <= 3)
     if body is not None and body not in sets and "," in body:
         parts = [part.strip() for part in body.split(",")]
     else:
-        sets = {
-            name: keys
-            for name, keys in sets.items()
-            if not any(_is_vector(numbers[key]) for key in keys)
-        }
+        vectors = {key for key, array in numbers.items() if _is_vector(array)}
+        sets = {name: keys for name, keys in sets.items() if vectors.isdisjoint(keys)}
     groups = [chosen(part, sets, "array of columns", file=file)[1] for part in parts]
     if len({len(group) for group in groups}) > 1:
         raise ValueError(f"{body} are of different numbers of recordings")
     places = named_columns(settings.columns, "--columns")
     motions = []
     for keys in zip(*groups, strict=True):
-        label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
-        arrays = [numbers[key] for key in keys]
+        label, arrays = _label(file, keys[0], groups[0]), [numbers[key] for key in keys]
         tables = {label: arrays}
         if arrays[0].ndim == 3:
             stacked = enumerate(zip(*arrays, strict=True))
             tables = {f"{label}[{number}]": list(part) for number, part in stacked}
         where, _, index = _parted(keys[0])
-        beside = (
-            array.reshape(-1)
-            for key, array in numbers.items()
-            for structure, field, cell in [_parted(key)]
-            if structure == where and cell in ("", index) and _is_vector(array)
-            if ARRAYS.get(field.lower()) == ("t",)
-        )
-        times = next(beside, np.empty(0))
+        times = np.empty(0)
+        for key, array in numbers.items():
+            structure, field, cell = _parted(key)
+            beside = structure == where and cell in ("", index) and _is_vector(array)
+            if beside and ARRAYS.get(field.lower()) == ("t",):
+                times = array.reshape(-1)
         for name, part in tables.items():
             table = _side_by_side(part, len(settings.columns))
             columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}

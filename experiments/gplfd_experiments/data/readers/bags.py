@@ -173,7 +173,7 @@ def _poses_of_link(
     """Return the poses of a robot's link, from when each of its joints was seen."""
     urdf, link = settings.urdf, settings.link
     if urdf is None or link is None:
-        raise ValueError("joint states need a robot's --urdf FILE and --link NAME")
+        raise ValueError("joint states need the robot, --urdf FILE --link NAME")
     import yourdfpy
 
     regular_file(urdf, "a URDF file (--urdf)")

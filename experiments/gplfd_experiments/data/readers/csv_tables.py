@@ -58,18 +58,19 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                     "is no number"
                 ) from None
     table = np.frombuffer(values).reshape(-1, len(places)).T
-    units = {name: unit for name, (_, unit) in places.items()}
+    columns = {
+        name: (numbers, unit)
+        for numbers, (name, (_, unit)) in zip(table, places.items(), strict=True)
+    }
     if top[0][0] == "Format Version":  # What Motive states in its first line.
         stated = dict(zip(top[0][::2], top[0][1::2], strict=False))
         length = UNIT_WORDS.get(stated.get("Length Units", "").lower())
-        units |= {name: units[name] or length for name in POSITION if name in units}
-        if settings.angles is None and "rx" in units:
+        for name in columns.keys() & set(POSITION):
+            columns[name] = (columns[name][0], columns[name][1] or length)
+        if settings.angles is None and "rx" in columns:
             euler = f"euler-{stated.get('Rotation Type', 'XYZ')}-deg"
             settings = replace(settings, angles=euler)
-    columns = dict(zip(places, zip(table, units.values(), strict=True), strict=True))
-    used = {place for place, _ in places.values()} | {
-        place for place, head in enumerate(heads) if head.lower() in ("frame", "index")
-    }
+    used = {place for place, _ in places.values()}
     unused = [head for place, head in enumerate(heads) if place not in used]
     motion = recording(path.name, columns, settings, unused)
     if settings.body and not any(understood(head)[2] for head in heads):

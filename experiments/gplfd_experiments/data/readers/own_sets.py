@@ -11,32 +11,25 @@ from gplfd_policies.demonstrations.npz import load_demonstrations
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read poses and wrenches of a set of demonstrations, or as they were observed."""
     del settings  # No choice is open.
-    if (path / "data/metadata.json").is_file():
+    if observed := (path / "data/metadata.json").is_file():
         from gplfd_experiments.data.minari import open_dataset
 
         dataset = open_dataset(path)
-        episodes = (
-            dataset.episode(number).observations for number in range(dataset.n_episodes)
-        )
-        motions = [
-            (f": episode {number}", seen["time"][:, 0], seen["ee_pose"], seen["wrench"])
-            for number, seen in enumerate(episodes)
-        ]
+        episodes = map(dataset.episode, range(dataset.n_episodes))
+        seen = (episode.observations for episode in episodes)
+        motions = [(s["time"][:, 0], s["ee_pose"], s["wrench"]) for s in seen]
     else:
-        demonstrations = load_demonstrations(path).demonstrations
-        motions = [
-            (f"[{number}]", motion.times, motion.poses, motion.wrenches)
-            for number, motion in enumerate(demonstrations)
-        ]
+        recorded = load_demonstrations(path).demonstrations
+        motions = [(motion.times, motion.poses, motion.wrenches) for motion in recorded]
     return [
         RawRecording(
-            name=path.name + part,
-            times=times,
-            positions=poses[:, :3],
-            unit="m",
-            quaternions=quaternions_of(ROTATION_VECTOR, poses[:, 3:]),
+            f"{path.name}: episode {number}" if observed else f"{path.name}[{number}]",
+            poses[:, :3],
+            "m",
+            times,
+            quaternions_of(ROTATION_VECTOR, poses[:, 3:]),
             wrenches=wrenches,
-            forces_on="hand" if "episode" in part else "object",
+            forces_on="hand" if observed else "object",
         )
-        for part, times, poses, wrenches in motions
+        for number, (times, poses, wrenches) in enumerate(motions)
     ]

@@ -155,14 +155,10 @@ def renamed(heads: Sequence[str], columns: Sequence[str]) -> Sequence[str]:
     """Return heads with names of ``--columns``: in their order, or ``NAME=HEAD``."""
     if not any("=" in column for column in columns):
         return columns or heads
-    names = {
-        column.split("=", 1)[-1].strip(): column.split("=")[0] for column in columns
-    }
+    pairs = (column.partition("=") for column in columns)
+    names = {head.strip(): name for name, _, head in pairs}
     if unknown := names.keys() - {head.strip() for head in heads}:
-        raise ValueError(
-            f"--columns names {listed(sorted(unknown))}, and the columns are "
-            f"{listed(heads)}"
-        )
+        raise ValueError(f"--columns: {listed(unknown)} is none of {listed(heads)}")
     return [names.get(head.strip(), head) for head in heads]
 
 
@@ -177,32 +173,27 @@ def named_columns(
     """
     if any(re.search(r"[a-z_]3_?3$", head.lower()) for head in heads):
         # Rows and columns of a matrix that are counted from 1.
-        one_based = re.compile(r"(?<=[A-Za-z_])([1-3])_?([1-3])$")
-        heads = [
-            one_based.sub(lambda m: f"{int(m[1]) - 1}{int(m[2]) - 1}", head)
-            for head in heads
-        ]
+        place = re.compile(r"(?<=[A-Za-z_])([1-3])_?([1-3])$")
+        heads = [place.sub(lambda m: f"{int(m[1] + m[2]) - 11:02}", h) for h in heads]
     wanted = set(re.findall(r"[^\W_]+", (body or "").lower()))
-    candidates: dict[str, dict[int, list[tuple[str, int, str | None]]]] = {}
-    for place, head in enumerate(heads):
+    candidates: dict[str, list[tuple[int, str, int, str | None]]] = {}
+    for at, head in enumerate(heads):
         name, unit, owner = understood(head)
         if name is not None:
             # Those of the chosen body, of none, and of bodies rather than of markers.
             chosen = bool(wanted) and wanted <= set(owner.split())
             rank = 0 if chosen else 3 if "marker" in owner else 2 if owner else 1
-            ranks = candidates.setdefault(name, {})
-            ranks.setdefault(rank, []).append((owner, place, unit))
+            candidates.setdefault(name, []).append((rank, owner, at, unit))
     columns: dict[str, tuple[int, str | None]] = {}
-    for name, ranks in candidates.items():
-        (_, place, unit), *others = best = ranks[min(ranks)]
-        if others:
-            owners = ", ".join(sorted({owner for owner, *_ in best} - {""}))
+    for name, several in candidates.items():
+        best = [candidate for candidate in several if candidate[0] == min(several)[0]]
+        columns[name] = best[0][2:]
+        if len(best) > 1:
+            owners = ", ".join(sorted({owner for _, owner, *_ in best} - {""}))
             raise ValueError(
-                f"{where} has two columns for {name}; choose with --body"
-                f"{': ' * bool(owners)}{owners}; or name those to leave out '-' with "
-                "--columns"
+                f"{where} has two columns for {name}; choose with --body: "
+                f"{owners or '(none)'}; or name those to leave out '-' with --columns"
             )
-        columns[name] = (place, unit)
     if "rw" in columns:  # A quaternion, and no rotation vector.
         columns |= {f"q{n}": columns.pop(f"r{n}") for n in "wxyz" if f"r{n}" in columns}
     if any(head.strip().lower() == "q4" for head in heads):  # Joints of a robot.
@@ -212,11 +203,38 @@ def named_columns(
         if missing and (whole[0] == "x" or len(missing) < len(whole)):
             raise ValueError(
                 f"{where} has no column {' and no '.join(missing)}: it has "
-                f"{listed(heads)}. Name the columns in their order, for example "
-                "--columns t,x,y,z,qx,qy,qz,qw with - for one to leave out, or some of "
-                "them, --columns x=HEAD,y=HEAD; joint positions are not a hand pose"
+                f"{listed(heads)}. Name all in their order, --columns t,x,y,z,... with "
+                "- for one to leave out, or some, --columns x=HEAD,y=HEAD"
             )
     return columns
+
+
+def _turned(
+    form: Names,
+    values: FloatArray,
+    angles: str,
+    settings: ImportSettings,
+    notes: list[str],
+) -> tuple[FloatArray, str]:
+    """Return quaternions, and what they were read from; note what is doubtful."""
+    sequence, _ = angles_of(settings.angles)
+    turning = form in (ROTATION_VECTOR, EULER)
+    form = EULER if turning and sequence is not None else form
+    if form == NUMBERED:
+        form = XYZW if settings.quaternions == "xyzw" else QUATERNION
+        if settings.quaternions is None:
+            notes.append("q0 is taken as scalar; if q3 is, say --quaternions xyzw")
+    if form == EULER and sequence is None:
+        notes.append("Euler angles are taken as --angles euler-xyz: is it right?")
+    largest = float(np.nanmax(np.linalg.norm(values, axis=1), initial=0.0))
+    limit = _HALF_TURN if form == ROTATION_VECTOR else _MANY_TURNS
+    if turning and angles == "rad" and largest > limit:
+        notes.append(
+            f"angles as large as {largest:.3g} rad: are they degrees? say --angles "
+            "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
+        )
+    reading = _READINGS.get(form, f"Euler angles, --angles euler-{sequence or 'xyz'}")
+    return quaternions_of(form, values, angles, sequence or "xyz"), reading
 
 
 def recording(
@@ -224,7 +242,8 @@ def recording(
 ) -> RawRecording:
     """Return the motion in columns; raise ValueError if a unit does not fit them."""
     notes: list[str] = []
-    unused = [head for head in unused if head.strip() not in ("", "-")]
+    no_quantity = ("", "-", "frame", "index")
+    unused = [head for head in unused if head.strip().lower() not in no_quantity]
 
     def quantity(
         names: Names, wanted: str | None = None, what: str = ""
@@ -233,10 +252,10 @@ def recording(
         units = {columns[name][1] for name in names if name in columns} - {None}
         allowed = _UNITS.get(names, {})
         if len(units) > 1 or units - set(allowed):
+            several = " and ".join(sorted(map(str, units)))
             raise ValueError(
-                f"{name}: {', '.join(names)} are in "
-                f"{' and '.join(sorted(map(str, units)))}; they must share one unit of "
-                f"{', '.join(allowed)}"
+                f"{name}: {', '.join(names)} are in {several}; they must share one "
+                f"unit of {', '.join(allowed)}"
             )
         stated = next(iter(units), None)
         if wanted is not None and stated not in (None, wanted):
@@ -254,30 +273,11 @@ def recording(
     ):
         if getattr(settings, option) is not None and not has_effect:
             notes.append(f"--{option.replace('_', '-')} has no effect on its columns")
-    sequence, unit = angles_of(settings.angles)
     quaternions, wrenches, times, reading = None, None, None, ""
     if form is not None:
-        values, stated = quantity(form, unit if turning else None, "angles")
-        form = EULER if turning and sequence is not None else form
-        if form == NUMBERED:
-            form = XYZW if settings.quaternions == "xyzw" else QUATERNION
-            if settings.quaternions is None:
-                notes.append("q0 is taken as scalar; if q3 is, say --quaternions xyzw")
-        if form == EULER and sequence is None:
-            sequence = "xyz"
-            notes.append("Euler angles are taken as --angles euler-xyz: is it right?")
-        angles, sizes = stated or "rad", np.abs(values).max(axis=1)
-        quaternions = quaternions_of(form, values, angles, sequence or "xyz")
-        reading = _READINGS.get(form, f"Euler angles, --angles euler-{sequence}")
-        if form == ROTATION_VECTOR:
-            sizes = np.linalg.norm(values, axis=1)
-        largest = float(np.nanmax(sizes, initial=0.0))
-        limit = _HALF_TURN if form == ROTATION_VECTOR else _MANY_TURNS
-        if turning and angles == "rad" and largest > limit:
-            notes.append(
-                f"angles as large as {largest:.3g} rad: are they degrees? say --angles "
-                "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
-            )
+        _, unit = angles_of(settings.angles)
+        values, unit = quantity(form, unit if turning else None, "angles")
+        quaternions, reading = _turned(form, values, unit or "rad", settings, notes)
     if "secs" in columns and "t" not in columns:
         seconds = columns["secs"][0] - np.nanmin(columns["secs"][0])
         nanoseconds = columns.get("nsecs", (np.zeros(len(seconds)), None))[0]
@@ -288,7 +288,8 @@ def recording(
         steps = np.diff(np.sort(times[np.isfinite(times)]))
         step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
         likely = likely_time_unit(step)
-        contradicted = settings.time_unit is None or columns["t"][1] not in (None, unit)
+        in_header = columns["t"][1]
+        contradicted = settings.time_unit is None or in_header not in (None, unit)
         if contradicted and likely not in (None, unit):
             notes.append(
                 f"there is a sample every {step:.3g} {unit}: are times in {likely}? "
