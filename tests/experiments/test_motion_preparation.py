@@ -188,12 +188,7 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("given", "kept", "warning", "note"),
     [
-        (
-            moved(100, 103, [0.23, 0, 0]),
-            398,
-            True,
-            "3 samples of short jumps",
-        ),
+        (moved(100, 103, [0.23, 0, 0]), 398, True, "3 samples of short jumps"),
         (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
         ({"positions": 1e3 * POSITIONS}, 401, True, "are positions in millimetres?"),

@@ -610,7 +610,7 @@ def test_c3d_marks_lost_markers_and_checks_rigid_bodies(tmp_path):
     lost = np.isnan(only(path, body="B").positions).any(axis=1)
     assert_array_equal(np.flatnonzero(lost), [3, 7])
     with pytest.raises(
-        ValueError, match="A, B, C are on no rigid body: .* of 58 frames"
+        ValueError, match=r"A, B, C are on no rigid body: .* of 58 frames"
     ):
         only(path, body="A,B,C")
 

@@ -116,10 +116,7 @@ def test_coloured_noise_has_unit_variance_and_no_power_above_its_bandwidth() -> 
         (lambda: TeacherConfig(sampling_rate=math.nan), r"sampling_rate = nan.*\["),
         (lambda: Teacher().demonstrate(-1.0, rng()), r"radius = -1\.0 is outside"),
         (lambda: Teacher().demonstrate_doors([], rng=rng()), "0 doors, per_door = 2"),
-        (
-            lambda: Teacher().demonstrate_doors([0.5], 0, rng=rng()),
-            "per_door = 0",
-        ),
+        (lambda: Teacher().demonstrate_doors([0.5], 0, rng=rng()), "per_door = 0"),
     ],
 )
 def test_wrong_requests_are_refused(call: Any, message: str) -> None:
