@@ -22,7 +22,6 @@ from gplfd_experiments.studies.trials.protocol import REFERENCES, TIERS, TRIALS
 PROTOCOL: Final = 9
 """Protocol of the stored results."""
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
-"""Results of the whole protocol."""
 GROUPS: Final[Mapping[str, Sequence[str]]] = {
     **{f"Tier {tier}": names for tier, names in TIERS.items()},
     "All trials of hinged furniture": [
@@ -94,16 +93,15 @@ def standings(answers: Answers, names: Sequence[str]) -> dict[str, Numbers]:
         measured = [value for value in values if value is not None]
         return fmean(measured) if measured else None
 
-    numbers: dict[str, Numbers] = {
-        policy: {
+    numbers: dict[str, Numbers] = {}
+    for policy in sorted(set.intersection(*complete)):
+        numbers[policy] = {
             name: (
                 mean(policy, name, success_measure(TRIALS[name])) or 0.0,
                 mean(policy, name, deciding_measure(TRIALS[name])),
             )
             for name in names
         }
-        for policy in sorted(set.intersection(*complete))
-    }
     return dict(sorted(numbers.items(), key=lambda item: -succeeded(item[1])))
 
 

@@ -81,10 +81,6 @@ def method(repeats: int) -> Rows:
         motions = Teacher().demonstrate_doors(radii, 1, rng=rng)
         fit = functools.partial(fit_skill, align(motions, n_samples=samples))
         fits[f"fit of {count} × {samples}"] = fit
-    times = measure({name: repeated(fit) for name, fit in fits.items()}, repeats)
-    for name, (cpu, _) in times.items():
-        yield row(name, cpu, "ms", 1e3)
-
     skill, phases = next(iter(fits.values()))(), np.linspace(0.0, 1.0, 200)
     skill.deviations  # noqa: B018  (computed on first use; belongs to learning)
     path = skill.aligned.poses[0]
@@ -100,12 +96,12 @@ def method(repeats: int) -> Rows:
 
         return update
 
-    actions: dict[str, Timed] = {
-        f"one via-point, {form}": (functools.partial(updating, form), len(points))
-        for form in ADAPTATIONS
-    }
     predict = functools.partial(skill.predict, phases)
+    actions = {name: repeated(fit) for name, fit in fits.items()}
     actions["Skill.predict, 200 phases"] = repeated(predict, 50)
+    for form in ADAPTATIONS:
+        update = functools.partial(updating, form)
+        actions[f"one via-point, {form}"] = update, len(points)
     for name, (cpu, _) in measure(actions, repeats).items():
         yield row(name, cpu, "ms", 1e3)
 

@@ -57,14 +57,14 @@ def proposed(policy: str, trial: optuna.Trial) -> Values:
     """Return the settings of a candidate."""
     values: dict[str, bool | int | float] = {}
     for name, setting in SPACES[policy].settings.items():
+        low, high = setting.low, setting.high
         if isinstance(setting.published, bool):
             values[name] = trial.suggest_categorical(name, [False, True])
         elif isinstance(setting.published, int):
-            values[name] = trial.suggest_int(name, int(setting.low), int(setting.high))
+            values[name] = trial.suggest_int(name, int(low), int(high))
         else:
-            values[name] = trial.suggest_float(
-                name, setting.low, setting.high, log=setting.logarithmic
-            )
+            scale = setting.logarithmic
+            values[name] = trial.suggest_float(name, low, high, log=scale)
     return values
 
 
@@ -74,14 +74,9 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
     assert candidate.method is not None
     densities, tasks, agents = [], [], []
     for seed in SEEDS:
+        shared = {"policy": policy, "seed": seed, "demonstrations_per_door": PER_DOOR}
         doors = [
-            episode_task(
-                f"{radius:g}",
-                DoorConfig(radius=radius),
-                policy=policy,
-                seed=seed,
-                demonstrations_per_door=PER_DOOR,
-            )
+            episode_task(f"{radius:g}", DoorConfig(radius=radius), **shared)
             for radius in RADII
         ]
         demonstrations = demonstrations_of(doors[0]).demonstrations

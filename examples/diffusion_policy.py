@@ -3,18 +3,14 @@
     gplfd run --policy examples/diffusion_policy.py:make
     gplfd benchmark --config small --policies gp examples/diffusion_policy.py:make
 
-Networks are kept in `results/diffusion`, one per set of demonstrations and seed. Model,
-noise schedule, sampling and chunks: arXiv:2303.04137, 2102.09672, 2010.02502 (DDIM),
-2402.10329. A network predicts the noise in a chunk of future poses, relative to the
-present pose and in its axes; it knows no time, phase, force or radius. Deviations: a
-residual MLP instead of a U-Net, because the state has six numbers; one pose of every
+Model, noise schedule, sampling and chunks: arXiv:2303.04137, 2102.09672, 2010.02502
+(DDIM), 2402.10329. A network predicts the noise in a chunk of future poses, relative to
+the present pose and in its axes; it knows no time, phase, force or radius. Deviations:
+a residual MLP instead of a U-Net, because the state has six numbers; one pose of every
 chunk is executed.
 """
 
-import hashlib
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -23,9 +19,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_policies.demonstrations.npz import hash_of
 
-FOLDER = Path("results/diffusion")
 PERIOD = 0.1  # [s]; time between the poses of a chunk
 CHUNK = 16  # predicted poses; the first is executed
 WIDTH, BLOCKS = 256, 3  # size of the network
@@ -147,21 +141,6 @@ def learn(demonstrations, seed):
     return averaged.module.eval()
 
 
-def learned(demonstrations, seed):
-    """Return the trained network, from its file if it exists."""
-    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    path = FOLDER / f"{hash_of(demonstrations)[:12]}-{seed}-{source[:12]}.pt"
-    if not path.exists():
-        network = learn(demonstrations, seed)
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}")
-        torch.save(network.state_dict(), part)
-        part.replace(path)
-    network = Denoiser()
-    network.load_state_dict(torch.load(path, weights_only=True))
-    return network
-
-
 class Diffusion:
     """An agent: the network predicts poses from the pose of the hand at 10 Hz.
 
@@ -194,4 +173,4 @@ class Diffusion:
 
 def make(training):
     """Diffusion over chunks of poses."""
-    return Diffusion(learned(training.demonstrations, training.seed), training.seed)
+    return Diffusion(learn(training.demonstrations, training.seed), training.seed)

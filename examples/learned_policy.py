@@ -12,12 +12,12 @@ observation, drawn once per rollout (gSDE, Raffin et al. 2022): noise that chang
 between decisions causes force, but does not move the door.
 """
 
-import argparse
 import os
 from pathlib import Path
 
 import numpy as np
 import torch
+import tyro
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor, VecNormalize
 
@@ -42,10 +42,8 @@ class HeldActions(VecEnvWrapper):
         self.actions = actions.copy()
 
     def step_wait(self):
-        total, ended = (
-            np.zeros(self.num_envs, np.float32),
-            np.zeros(self.num_envs, bool),
-        )
+        total = np.zeros(self.num_envs, np.float32)
+        ended = np.zeros(self.num_envs, bool)
         infos = [{} for _ in ended]
         for _ in range(HELD):
             observations, rewards, dones, latest = self.venv.step(self.actions)
@@ -74,7 +72,7 @@ class Learned:
         return command_of(self.action, observation["ee_pose"])
 
 
-def learn(steps, out, seed=0):
+def learn(steps: int = 700_000, out: Path = FOLDER, seed: int = 0):
     """Learn, and write the model into a folder."""
     torch.set_num_threads(1)
     out.mkdir(parents=True, exist_ok=True)
@@ -108,9 +106,4 @@ def make(training):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--steps", type=int, default=700_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=FOLDER)
-    arguments = parser.parse_args()
-    learn(arguments.steps, arguments.out, arguments.seed)
+    tyro.cli(learn)

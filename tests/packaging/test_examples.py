@@ -23,10 +23,8 @@ ELSEWHERE = {
 what it needs. The node of ROS 2 is tested below, with stand-ins."""
 
 EXPECTED = {
-    "rl_smoke": ("16/16 opened", set()),
     "bag_with_forces": ("6 bags in bags", {"bags"}),
     "robot_client": ("equal to one process: True", set()),
-    "play_trajectory": ("opened: True", {"movement.csv"}),
 }
 """A part of what each of them prints, and what it leaves in the working folder."""
 

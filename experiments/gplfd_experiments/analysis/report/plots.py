@@ -28,12 +28,7 @@ from gplfd_experiments.analysis.results.reading import (
     TaskResult,
 )
 from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
-from gplfd_experiments.analysis.results.trials import (
-    MEASURES,
-    Answer,
-    Verdict,
-    summary,
-)
+from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict, summary
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
 Look = Mapping[str, Any]
@@ -48,34 +43,23 @@ _DOTS: Final[Look] = {"linestyle": "none", "mew": 0, "alpha": 0.35, "zorder": 2}
 """Style of single results."""
 _FEWEST, _MOST = 3, 5
 """Number of panels in a row."""
-_PANEL_ROW, _MARGIN = 1.35, 0.55
-"""Height of a row of panels, and of labels around them [inch]."""
-_LONGEST: Final = 26
-"""Characters of a name that fit above a panel."""
+_PANEL_ROW, _TRIAL_ROW = 1.35, 0.15
+"""Height of a row of panels, and of a row of dots [inch]."""
 
+_DOT: Final[Look] = {"marker": "o"}
+_TEXT: Final[Look] = {"color": style.MARK, "va": "center"}
+_HOLLOW: Final[Look] = {"color": style.MARK, "mfc": "white"}
 _KINDS: Final[Mapping[str, tuple[str, Look]]] = {
-    "method": ("learns", {"marker": "o", "color": style.DOORS[1]}),
+    "method": ("learns", {**_DOT, "color": style.DOORS[1]}),
     "ablation": ("lacks an idea", {"marker": "D", "color": style.AXIS_X}),
-    "reference": (
-        "learns nothing",
-        {"marker": "s", "color": style.MARK, "mfc": "white"},
-    ),
+    "reference": ("learns nothing", {"marker": "s", **_HOLLOW}),
     "own": ("own policy", {"marker": "^", "color": style.TRUTH}),
 }
 _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
-    "shows": ("better with the idea", {"marker": "o", "color": style.TRUTH}),
-    "open": (
-        "no significant difference",
-        {"marker": "o", "color": style.MARK, "mfc": "white"},
-    ),
+    "shows": ("better with the idea", {**_DOT, "color": style.TRUTH}),
+    "open": ("no significant difference", {**_DOT, **_HOLLOW}),
     "harms": ("worse with the idea", {"marker": "X", "color": style.LIMIT}),
 }
-_DOT: Final = 2.4
-"""Diameter of a seed's dot [pt]; √n times as large for n equal values."""
-_TRIAL_ROW, _BESIDE_ROWS = 0.15, 0.45
-"""Height of a row, and of a panel's title or its axis [inch]."""
-_WIDE: Final = 20.0
-"""Ratio of greatest and smallest value from which a scale is logarithmic."""
 
 
 def policy_panels(
@@ -93,7 +77,7 @@ def policy_panels(
     """
     n_rows = -(-len(runs) // _MOST)
     columns = max(_FEWEST, -(-len(runs) // n_rows))
-    figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + _MARGIN)
+    figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + 0.55)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
@@ -112,9 +96,8 @@ def policy_panels(
             line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
             axes.plot(*zip(*points, strict=True), **line)
         else:
-            look: Look = {"ha": "center", "va": "center", "color": style.MARK}
-            where = axes.transAxes
-            axes.text(0.5, 0.5, without, transform=where, fontsize=6.5, **look)
+            look: Look = {"ha": "center", "transform": axes.transAxes, **_TEXT}
+            axes.text(0.5, 0.5, without, fontsize=6.5, **look)
     figure.supxlabel(labels[0], fontsize=7.0)
     figure.supylabel(labels[1], fontsize=7.0)
     return figure
@@ -163,8 +146,7 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
         axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
         log_scale(axes, "y")
         errors: dict[float, list[float]] = {}
-        for episode in episodes:
-            metrics = episode.metrics
+        for metrics in (episode.metrics for episode in episodes):
             steps = metrics["forecast_progress"], metrics["forecast_error_mm"]
             for progress, error in zip(*steps, strict=True):
                 if error is not None:
@@ -202,7 +184,6 @@ def prediction_scores(runs: Mapping[str, Sequence[TaskResult]]) -> Figure:
     """Draw likelihood and errors of predictions: dots are tests, bars medians."""
     kinds = sorted({test.left_out for tests in runs.values() for test in tests})
     tints = dict(zip(kinds, (style.DOORS[1], style.AXIS_X), strict=False))
-    lifts = {kind: 0.32 * (n - 0.5 * (len(kinds) - 1)) for n, kind in enumerate(kinds)}
     position = LEARNING_MEASURES["rmse_position_m"]
 
     def error(policy: str) -> tuple[float, str]:
@@ -215,10 +196,10 @@ def prediction_scores(runs: Mapping[str, Sequence[TaskResult]]) -> Figure:
     for axes, name in zip(panels, LEARNING_HEADLINES, strict=True):
         measure = LEARNING_MEASURES[name]
         for row, policy in enumerate(order):
-            for kind, tint in tints.items():
+            for number, (kind, tint) in enumerate(tints.items()):
                 tests = [test for test in runs[policy] if test.left_out == kind]
                 if values := measure.values(tests):
-                    height = row + lifts[kind]
+                    height = row + 0.32 * (number - 0.5 * (len(kinds) - 1))
                     heights = [height] * len(values)
                     axes.plot(values, heights, marker="o", ms=2.2, color=tint, **_DOTS)
                     middle = [statistics.median(values)]
@@ -228,8 +209,7 @@ def prediction_scores(runs: Mapping[str, Sequence[TaskResult]]) -> Figure:
         axes.grid(axis="y", color=_GRID, linewidth=0.5)
         if name != "nlpd":
             log_scale(axes, "x")
-    looks = {f"{kind} left out": {"color": tint} for kind, tint in tints.items()}
-    _legend(figure, ((name, {"marker": "o", **look}) for name, look in looks.items()))
+    _legend(figure, ((f"{k} left out", {**_DOT, "color": tints[k]}) for k in tints))
     return figure
 
 
@@ -252,8 +232,8 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
 
 
 def short(policy: str) -> str:
-    """Return a name, shortened from the left to fit above a panel."""
-    return policy if len(policy) <= _LONGEST else f"…{policy[1 - _LONGEST :]}"
+    """Return a name, shortened from the left to the 26 characters above a panel."""
+    return policy if len(policy) <= 26 else f"…{policy[-25:]}"
 
 
 def log_scale(axes: Axes, which: Literal["x", "y"]) -> None:
@@ -269,18 +249,19 @@ def deciding_numbers(
     levels: Mapping[str, Runs], measure: str, reference: str
 ) -> Figure:
     """Draw a row per policy and level: seeds, typical value and its interval."""
-    figure, panels = _stacked([len(runs) for runs in levels.values()], shared=True)
+    names = [[short(policy) for policy in runs] for runs in levels.values()]
+    figure, panels = _stacked(names, shared=True)
     values: list[float] = []
     for axes, (level, runs) in zip(panels, levels.items(), strict=True):
         if len(levels) > 1:
             axes.set_title(level, loc="left", parse_math=False)
-        _name_rows(axes, [short(policy) for policy in runs])
         for row, (policy, episodes) in enumerate(runs.items()):
             estimate = summary(episodes, measure)
             if estimate is None:
                 where = axes.get_yaxis_transform()
-                text: Look = {"color": style.MARK, "fontsize": 6.0, "va": "center"}
-                axes.text(0.01, row, "no number", transform=where, **text)
+                axes.text(
+                    0.01, row, "no number", transform=where, fontsize=6.0, **_TEXT
+                )
             else:
                 _, mark = _KINDS[kind_of(policy)]
                 means = MEASURES[measure].seed_means(episodes)
@@ -288,13 +269,14 @@ def deciding_numbers(
                 places, counts = np.unique(means, return_counts=True)
                 for count in np.unique(counts):
                     here = places[counts == count]
-                    dot = {"ms": _DOT * math.sqrt(count), "color": mark["color"]}
+                    # Larger where several seeds are equal [pt].
+                    dot = {"ms": 2.4 * math.sqrt(count), "color": mark["color"]}
                     axes.plot(here, np.full(here.size, row), "o", **{**_DOTS, **dot})
                 _point(axes, row, estimate, mark)
             if policy == reference:
                 axes.get_yticklabels()[row].set(color=style.ADAPTED, weight="bold")
                 axes.axhspan(row - 0.5, row + 0.5, color=style.SEEN, zorder=0)
-    if values and min(values) > 0.0 and max(values) > _WIDE * min(values):
+    if values and min(values) > 0.0 and max(values) > 20.0 * min(values):
         log_scale(panels[0], "x")
     panels[-1].set_xlabel(MEASURES[measure].title)
     kinds = {kind_of(policy) for runs in levels.values() for policy in runs}
@@ -313,14 +295,14 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
                 rows = groups.setdefault(contrast.measure, [])
                 rows.append((label, answer.shift, answer.verdict))
     measures = [MEASURES[name] for name in MEASURES if name in groups]
-    sizes = [len(groups[measure.metric]) for measure in measures]
-    figure, panels = _stacked(sizes, shared=False)
-    for axes, measure in zip(panels, measures, strict=True):
+    for measure in measures:
         # The most helpful idea first.
-        rows = groups[measure.metric]
-        rows.sort(key=lambda row: measure.sign * row[1].estimate, reverse=True)
-        _name_rows(axes, [label for label, _, _ in rows])
-        for place, (_, shift, verdict) in enumerate(rows):
+        rows = sorted(groups[measure.metric], key=lambda row: row[1].estimate)
+        groups[measure.metric] = rows[:: -1 if measure.better == "more" else 1]
+    labels = [[row[0] for row in groups[measure.metric]] for measure in measures]
+    figure, panels = _stacked(labels, shared=False)
+    for axes, measure in zip(panels, measures, strict=True):
+        for place, (_, shift, verdict) in enumerate(groups[measure.metric]):
             _point(axes, place, shift, _VERDICTS[verdict][1])
         axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
         # Zero in the middle, and better values on the right, in all panels.
@@ -342,22 +324,21 @@ def _point(axes: Axes, row: int, estimate: Rate | Shift, look: Look) -> None:
     axes.plot([estimate.estimate], [row], **mark)
 
 
-def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:
-    """Return panels below each other, with heights proportional to their rows."""
-    height = _TRIAL_ROW * sum(rows) + _BESIDE_ROWS * (len(rows) + 1)
+def _stacked(
+    names: Sequence[Sequence[str]], *, shared: bool
+) -> tuple[Figure, list[Axes]]:
+    """Return panels below each other, with a named row on a fine line for each name."""
+    rows = [*map(len, names)]
+    height = _TRIAL_ROW * sum(rows) + 0.45 * (len(rows) + 1)
     figure = style.new_figure(style.PAGE, height)
-    grid = figure.subplots(
-        len(rows), 1, sharex=shared, squeeze=False, height_ratios=rows
-    )
-    return figure, list(grid[:, 0])
-
-
-def _name_rows(axes: Axes, names: Sequence[str]) -> None:
-    """Label rows from the top down, on fine lines."""
-    axes.set_yticks(range(len(names)), labels=names, parse_math=False)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.grid(axis="y", color=_GRID, linewidth=0.5)
-    axes.set_axisbelow(True)
+    options: dict[str, Any] = {"squeeze": False, "height_ratios": rows}
+    panels = figure.subplots(len(rows), 1, sharex=shared, **options)[:, 0]
+    for axes, labels in zip(panels, names, strict=True):
+        axes.set_yticks(range(len(labels)), labels=labels, parse_math=False)
+        axes.set_ylim(len(labels) - 0.5, -0.5)
+        axes.grid(axis="y", color=_GRID, linewidth=0.5)
+        axes.set_axisbelow(True)
+    return figure, list(panels)
 
 
 def _legend(figure: Figure, looks: Iterable[tuple[str, Look]]) -> None:

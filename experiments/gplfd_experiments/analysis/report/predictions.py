@@ -54,8 +54,6 @@ _NOTE: Final = (
     "rest, at known phases; online: with the phase estimated from the samples so far."
 )
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
-_TINY: Final = 1e-3
-"""Smaller numbers are shown as less than this."""
 
 
 def learning_section(tests: Results, reference: str) -> Section:
@@ -66,10 +64,8 @@ def learning_section(tests: Results, reference: str) -> Section:
         for held_out, left_out in _LEFT_OUT.items()
         if (here := [test for test in those if test.left_out == held_out])
     }
-    ran = [test for test in tests if not test.error]
-    standard = next(iter(by_condition(ran).values()), [])
-    blocks: list[Block] = [_all_measures(groups), *_plots(standard, reference)]
-    return Section("What was learned, without a robot", blocks)
+    drawn = _plots(_first_condition(tests), reference)
+    return Section("What was learned, without a robot", [_all_measures(groups), *drawn])
 
 
 def recorded_section(results: Results, reference: str) -> Section:
@@ -101,20 +97,22 @@ def overview(results: Results) -> Table:
     return policy_table({"": dict(order)}, [*medians, number], note=note)
 
 
+def _first_condition(tests: Results) -> Results:
+    """Return the tests without an error of the condition with most of them."""
+    ran = by_condition(test for test in tests if not test.error)
+    return next(iter(ran.values()), [])
+
+
 def _columns(metrics: Iterable[str]) -> list[Column]:
     """Return a column with the number of results, and one with each median."""
-    number = Column("n", lambda own: str(len(own)))
+    number = Column("n", lambda results: str(len(results)))
     return [number, *(measure_column(Measure.median, _MEASURES[n]) for n in metrics)]
 
 
 def _all_measures(groups: Mapping[str, Results]) -> Table:
     """Return the medians of all measures that any of the tests has."""
     tests = [test for group in groups.values() for test in group]
-    metrics = [
-        name
-        for name in _MEASURES
-        if any(test.number(name) is not None for test in tests)
-    ]
+    metrics = [n for n in _MEASURES if any(t.number(n) is not None for t in tests)]
     runs = {title: by_policy(group) for title, group in groups.items()}
     return policy_table(runs, _columns(metrics), title="All measures", note=_NOTE)
 
@@ -127,14 +125,14 @@ def _plots(tests: Results, reference: str) -> list[Plot]:
         partial(plots.coverage, runs, reference),
         "**Calibration of the predicted uncertainty.** Share of left-out numbers "
         "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
-        f"intervals are too narrow. Violet: {code(reference)}.",
+        "intervals are too narrow.",
         "Measured against nominal coverage, a panel per policy",
     )
     errors = Plot(
         "skill",
         partial(plots.prediction_scores, runs),
         "**Errors and likelihood of predictions.** A dot per test, a bar at the "
-        "median; left is better. The policy with the least position error is on top.",
+        "median; left is better.",
         "Dot plot of NLPD, position and rotation error by policy",
     )
     stated = any(test.number("coverage_95") is not None for test in tests)
@@ -143,24 +141,17 @@ def _plots(tests: Results, reference: str) -> list[Plot]:
 
 def table_one_section(tests: Results) -> Section:
     """The paper's rows and methods, measured marks, and differences."""
-    ran = [test for test in tests if not test.error]
-    standard = by_policy(next(iter(by_condition(ran).values()), []))
+    standard = by_policy(_first_condition(tests))
     foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
-    note = (
-        "✓ and ✗: whether the number earns the mark by the limits below; where the "
-        "paper says otherwise, its own mark is given. Means over the learning tests. "
-        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
-        "as published and `gp` as developed here. Tuned: with the settings that "
-        "benchmarks/tune.py found for each method."
-    )
+    tuned = [f"{policy}-tuned" for policy in TABLE_1]
     blocks: list[Block] = []
     for title, policies in (
         ("Marks with their numbers", (*TABLE_1, *foreign)),
-        ("Marks of the tuned methods", [f"{policy}-tuned" for policy in TABLE_1]),
+        ("Marks of the tuned methods", tuned),
     ):
         here = {p: [t.metrics for t in standard[p]] for p in policies if p in standard}
         if here:
-            blocks.append(_marks(here, title, note))
+            blocks.append(_marks(here, title))
     meanings = Table(
         columns=("row", "what is measured"),
         rows=tuple((item.row, item.sentence) for item in CRITERIA.values()),
@@ -170,9 +161,7 @@ def table_one_section(tests: Results) -> Section:
     return Section("Table 1 of the paper, measured", [*blocks, meanings])
 
 
-def _marks(
-    measured: Mapping[str, Sequence[Mapping[str, Any]]], title: str, note: str
-) -> Table:
+def _marks(measured: Mapping[str, Sequence[Mapping[str, Any]]], title: str) -> Table:
     """Return a row per criterion with a mark and a number per policy."""
     rows: list[tuple[str, ...]] = []
     for row, criterion in CRITERIA.items():
@@ -183,13 +172,20 @@ def _marks(
         for policy, metrics in measured.items():
             earned, published = mark(criterion, metrics), policy in criterion.paper
             text, value = _SIGN[earned.passed], earned.value
-            if value is not None and 0.0 < abs(value) < _TINY:
-                text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
+            if value is not None and 0.0 < abs(value) < 1e-3:
+                text += " < 0.001" if value > 0.0 else " > −0.001"
             elif value is not None:
                 text += f" {value:.3g}".replace("-", "−")
             if policy in TABLE_1 and earned.passed not in (None, published):
                 text = f"**{text}**\n(paper {_SIGN[published]})"
             cells.append(text)
         rows.append(tuple(cells))
+    note = (
+        "✓ and ✗: whether the number earns the mark by the limits below; where the "
+        "paper says otherwise, its own mark is given. Means over the learning tests. "
+        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
+        "as published and `gp` as developed here. Tuned: with the settings that "
+        "benchmarks/tune.py found for each method."
+    )
     columns = ("", *map(code, measured))
     return Table(columns=columns, rows=tuple(rows), title=title, note=note)
