@@ -9,37 +9,19 @@ from gplfd_policies.demonstrations.aligned import (
 )
 from gplfd_policies.demonstrations.alignment import align as align
 from gplfd_policies.demonstrations.demonstration import Demonstration as Demonstration
-from gplfd_policies.demonstrations.npz import (
-    load_demonstrations as load_demonstrations,
-)
-from gplfd_policies.demonstrations.npz import (
-    save_demonstrations as save_demonstrations,
-)
+from gplfd_policies.demonstrations.npz import load_demonstrations as load_demonstrations
+from gplfd_policies.demonstrations.npz import save_demonstrations as save_demonstrations
 from gplfd_policies.movements.movement import GaussianTrajectory as GaussianTrajectory
 from gplfd_policies.movements.movement import ViaPoint as ViaPoint
 from gplfd_policies.movements.prior_mean import PosePath as PosePath
 from gplfd_policies.movements.prior_mean import PriorMean as PriorMean
-from gplfd_policies.movements.skill import (
-    Skill as Skill,
-)
-from gplfd_policies.movements.skill import (
-    fit_skill as fit_skill,
-)
-from gplfd_policies.movements.skill import (
-    load_skill as load_skill,
-)
-from gplfd_policies.registry.catalogue import (
-    POLICIES as POLICIES,
-)
-from gplfd_policies.registry.catalogue import (
-    load_policy as load_policy,
-)
-from gplfd_policies.registry.catalogue import (
-    make_agent as make_agent,
-)
-from gplfd_policies.registry.catalogue import (
-    policy_named as policy_named,
-)
+from gplfd_policies.movements.skill import Skill as Skill
+from gplfd_policies.movements.skill import fit_skill as fit_skill
+from gplfd_policies.movements.skill import load_skill as load_skill
+from gplfd_policies.registry.catalogue import POLICIES as POLICIES
+from gplfd_policies.registry.catalogue import load_policy as load_policy
+from gplfd_policies.registry.catalogue import make_agent as make_agent
+from gplfd_policies.registry.catalogue import policy_named as policy_named
 from gplfd_policies.registry.method import Method as Method
 from gplfd_policies.registry.method import Policy as Policy
 from gplfd_policies.registry.method import PolicyOrigin as PolicyOrigin

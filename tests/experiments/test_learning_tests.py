@@ -41,7 +41,7 @@ from gplfd_experiments.studies.learning_tests.via_points import (
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,

@@ -15,7 +15,7 @@ from gplfd_experiments.episodes.build import (
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_policies import POLICIES, align
-from gplfd_policies.demonstrations.modes import partition
+from gplfd_policies.demonstrations.aligned import partition
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
 pytestmark = [

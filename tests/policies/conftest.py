@@ -24,7 +24,7 @@ from gplfd_policies import (
     fit_skill,
     make_agent,
 )
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.baselines.wishart_gp import WishartGPConfig
 from gplfd_policies.movements.movement import Movement
 

@@ -19,8 +19,8 @@ from gplfd_policies.gp.deviations import (
     fit_deviations,
 )
 from gplfd_policies.gp.exact import ExactGP
+from gplfd_policies.gp.heteroscedastic import LEAST_SPREAD, MapNoise
 from gplfd_policies.gp.kernels import RBF, LegendreBasis
-from gplfd_policies.gp.noise import LEAST_SPREAD, MapNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

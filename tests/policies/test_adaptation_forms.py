@@ -21,8 +21,6 @@ FORMS = sorted(ADAPTATIONS)
 GRID_FREE = ["exact", "process"]
 BY_PHASE = [form for form in FORMS if form != "similarity"]
 """Forms that take a via-point at its phase, and not as the next one of a path."""
-INDEPENDENT = ["exact", "process", "product"]
-"""Forms in which an output says nothing about another one, nor late about early."""
 
 
 def smooth_curves(count, length, seed, frequency=12.0):

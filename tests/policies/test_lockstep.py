@@ -166,23 +166,6 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
             assert_array_equal(forecasts[row].std, expected.std)
 
 
-@pytest.mark.parametrize(
-    "other", ["gp-one-size", "gp-constant-500", "oracle", "levers"]
-)
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_agents_of_any_configuration_act_together(other, agents_of):
-    """Also where one was taught to turn a handle, and the others were not."""
-    agents = [*agents_of("gp")[:2], agents_of(other)[2]]
-    if other == "levers":
-        assert agents[2].handle is not None
-        agents[2] = dataclasses.replace(agents[2], config=agents[0].config)
-    history = steps_of(batch_agents(agents))
-    for row, agent in enumerate(agents):
-        agent.reset(row_of(history[0][0], row))
-        for observations, steps, _ in history:
-            assert_same_row(steps, row, agent.act(row_of(observations, row)))
-
-
 def test_a_mask_selects_rows():
     assert rows_of(None, 3) == rows_of(np.ones(3, bool), 3) == ALL_ROWS
     assert_array_equal(rows_of(np.array([True, False, True]), 3), [0, 2])

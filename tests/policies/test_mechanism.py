@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import DoorGeometry
 from gplfd_policies import make_agent
 from gplfd_policies.agents.model_based import mechanism
-from gplfd_policies.agents.model_based.circle import UPRIGHT
+from gplfd_policies.agents.model_based.following import UPRIGHT
 from gplfd_policies.agents.model_based.mechanism import (
     GaussianProcess,
     Mechanism,

@@ -101,9 +101,3 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     assert np.degrees(angle) > 60.0
     assert_allclose(pose[3], 0.0, atol=0.05)
     assert phases[99] == 0.0
-
-
-@pytest.mark.parametrize("name", ["oracle", "hinge-fit-told"])
-def test_who_is_told_must_be_told(name):
-    with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
-        acted(make_agent(name, ()), 1)

@@ -10,11 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from gplfd_policies.agents.model_based.circle import (
-    UPRIGHT,
-    _distances,
-    fit_circle,
-)
+from gplfd_policies.agents.model_based.following import UPRIGHT, _distances, fit_circle
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

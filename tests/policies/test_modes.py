@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, AlignedDemonstrations, TrainingInput
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
-from gplfd_policies.demonstrations.modes import WITHIN, partition
+from gplfd_policies.demonstrations.aligned import WITHIN, partition
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
-LEFT = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # mirrored in z
 
 
 def mirrored(demonstrations, signs):
@@ -70,40 +68,6 @@ def agent_of(modes, *counts, **config):
     method = POLICIES["gp"].method
     agents = [method.follow(mode.movement) for mode in modes]
     return ModesAgent(agents, counts or (1,) * len(agents), ModeConfig(**config))
-
-
-def at_door(agent, pose_at, steps):
-    """Let an agent open an ideal door, which has an arc; return steps, forces, angles.
-
-    The hand goes to the point of the arc that is nearest the command, and bears what a
-    spring of 2000 N/m exerts; the door opens forwards alone.
-    """
-    angles = np.linspace(0.0, 1.3, 2000)
-    poses = pose_at(angles)
-    pose, force = np.zeros(6), np.zeros(3)
-    agent.reset({"ee_pose": pose, "wrench": np.zeros(6)})
-    taken = []
-    for _ in range(steps):
-        step = agent.act({"ee_pose": pose, "wrench": np.array([*force, 0, 0, 0])})
-        nearest = ((poses[:, :3] - step.action[:3]) ** 2).sum(axis=1).argmin()
-        pose = poses[nearest]
-        force = 2000.0 * (pose - step.action)[:3]
-        taken.append((step, math.sqrt(force @ force), angles[nearest]))
-    return taken
-
-
-@pytest.mark.parametrize("signs", [np.ones(6), PUSHED])
-def test_a_door_of_either_kind_is_opened_at_bounded_force(modes, signs):
-    taken = at_door(agent_of(modes), lambda a: handle_pose_on_arc(0.42, a) * signs, 900)
-    steps, forces, angles = zip(*taken, strict=True)
-    acting = [step.mode for step in steps]
-    assert angles[-1] > math.radians(60.0)
-    assert max(forces) < 20.0
-    assert np.count_nonzero(np.diff(acting)) == acting[-1] == float(signs is PUSHED)
-    assert steps[0].mode_probability == pytest.approx(0.5)
-    assert steps[-1].mode_probability > 0.99
-    jumps = np.abs(np.diff([step.action[:3] for step in steps[:200]], axis=0)).max()
-    assert jumps < 2.5e-3
 
 
 @pytest.mark.parametrize("counts", [(1, 1), (5, 1), (3, 2)])

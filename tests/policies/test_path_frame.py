@@ -8,14 +8,15 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.control.contact import HELD_HAND, ContactLoop
 from gplfd_policies.control.rendering import Admittance
 from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
+    HELD_HAND,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
+    ContactLoop,
     VirtualDynamics,
     directional_std,
     path_frame,

@@ -7,19 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies import (
-    PosePath,
-    PriorMean,
-    ViaPoint,
-    align,
-    fit_skill,
-    make_agent,
-)
+from gplfd_policies import PosePath, PriorMean, ViaPoint, align, fit_skill, make_agent
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,

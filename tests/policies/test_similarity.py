@@ -201,11 +201,7 @@ def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
 @pytest.mark.parametrize("count", [1, 2, 6])
 @pytest.mark.parametrize(
     "path",
-    [
-        arc(1.0),
-        along_a_line(turn=1.2),
-        out_and_along(0.1),
-    ],
+    [arc(1.0), along_a_line(turn=1.2), out_and_along(0.1)],
     ids=["circle", "straight, turning", "out, then along"],
 )
 def test_size_shows_where_a_path_bends_or_turns_by_its_length(path, count):

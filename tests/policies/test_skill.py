@@ -7,7 +7,7 @@ from scipy.stats import t as student
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, fit_skill
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.skill import SIZE_STD
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]

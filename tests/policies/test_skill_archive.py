@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from gplfd_policies import POLICIES, PosePath, ViaPoint, align, fit_skill, load_skill
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.prior_mean import fit_residual
 from gplfd_policies.registry.method import TrainingInput
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
+    HELD_HAND,
     PAPER_PROFILE,
     VirtualDynamics,
     spread_profile,

@@ -45,21 +45,6 @@ def test_content_appears_under_the_name_only_when_complete(tmp_path):
     assert list(target.parent.iterdir()) == [target]
 
 
-def test_interruption_keeps_the_old_file_and_leaves_no_temporary(tmp_path):
-    target = tmp_path / "file.txt"
-    target.write_text("old")
-
-    def write_half_and_stop():
-        with complete_or_absent(target) as temporary:
-            temporary.write_text("half")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_half_and_stop()
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
 def test_archive_round_trip_is_exact(archive):
     arrays = read(archive)
     for name, array in ARRAYS.items():

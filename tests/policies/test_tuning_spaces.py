@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.registry.built_in import SPACES, tuned
 from gplfd_policies.registry.method import profile_of_spread
 

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.turns import REGULAR, accumulated_rotvecs, main_turn
+from gplfd_env.spatial.turns import accumulated_rotvecs, main_turn
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align
+from gplfd_policies.demonstrations.aligned import partition
 from gplfd_policies.demonstrations.demonstration import turned
-from gplfd_policies.demonstrations.modes import partition
 
 TIMES = np.linspace(0.0, 6.0, 201)
 
@@ -79,16 +79,6 @@ def test_the_axis_is_that_of_the_whole_turn_and_not_of_its_fastest_step():
     assert accumulated[-1] == pytest.approx(turns[-1], abs=0.02)
 
 
-def test_motions_below_300_degrees_are_unchanged():
-    motion = demonstrations(290)[0]
-    rotvecs = motion.poses[:, 3:]
-    assert np.linalg.norm(rotvecs, axis=1).max() < REGULAR
-    assert accumulated_rotvecs(rotvecs)[0] is rotvecs
-    axis, turns = main_turn(rotvecs)
-    assert_allclose(axis, [0.0, 0.0, 1.0], atol=0.05)
-    assert np.degrees(turns[-1]) == pytest.approx(turned(motion), abs=2.0)
-
-
 def test_a_turn_about_several_axes_is_refused_and_a_tilt_is_warned_of():
     with pytest.raises(ValueError, match=r"turns by 3\d\d degrees, and by .* Cut"):
         align(demonstrations(345, tilt=20.0))
@@ -97,17 +87,6 @@ def test_a_turn_about_several_axes_is_refused_and_a_tilt_is_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         align(demonstrations(345, tilt=0.0))
-
-
-@pytest.mark.filterwarnings("ignore:turns")
-@pytest.mark.parametrize("name", ["dmp", "promp", "local-gp"])
-def test_other_methods_learn_it(name):
-    motions = demonstrations(400)
-    movement = POLICIES[name].method.learn(TrainingInput(demonstrations=motions))
-    mean = movement.predict(movement.aligned.times).mean
-    truth = Rotation.from_rotvec(movement.aligned.poses[..., 3:].mean(0))
-    apart = Rotation.from_rotvec(mean[:, 3:]) * truth.inv()
-    assert np.degrees(apart.magnitude()).max() < 5.0
 
 
 @pytest.mark.filterwarnings("ignore:turns")

@@ -113,14 +113,12 @@ def test_classes_methods_and_helpers_beside_a_module_are_found(folder):
         (":", "names no module; give module:function or path/to/file.py:function"),
         ("mine.py", r"name a function in it, as in mine\.py:make"),
         ("users:make", r"importing users failed with Zero.*\(broken\.py, line 2, in"),
-        ("leaving:make", r"leaving failed with SystemExit: 3 \(leaving\.py, line 1"),
         ("json:make", r"module 'json' is already .*; rename .*json\.py"),
     ],
 )
 def test_what_cannot_be_used_is_refused_at_once(name, message, folder):
     (folder / "broken.py").write_text("\n1 / 0\n")
     (folder / "users.py").write_text("import broken\n")
-    (folder / "leaving.py").write_text("raise SystemExit(3)\n")
     (folder / "json.py").write_text(MODULE)
     with pytest.raises(ValueError, match=message):
         policy_named(name)

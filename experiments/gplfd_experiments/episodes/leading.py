@@ -17,8 +17,7 @@ from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_fu
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.demonstrations.correction import Correction, Who
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import Correction, Demonstration, Who
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))

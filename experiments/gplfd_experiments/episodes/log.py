@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]

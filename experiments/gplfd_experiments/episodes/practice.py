@@ -12,7 +12,7 @@ from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_experiments.episodes.leading import LedAgent, SyntheticCorrector
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.agents.agent import Agent
-from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method, TrainingInput
 

@@ -19,7 +19,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
 from gplfd_experiments.recording.stream import moving, static
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""

@@ -20,7 +20,7 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.leading import BLEND_TIME, PULLS
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.demonstrations.correction import Who
+from gplfd_policies.demonstrations.demonstration import Who
 
 INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
 """Sample of a device in a control period: whether the pointer is pressed, its position

@@ -19,8 +19,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View
 from gplfd_experiments.teaching.taught import CorrectedSkill, Taught
 from gplfd_policies.demonstrations.alignment import without_rests
-from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import Correction, Demonstration
 
 SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 

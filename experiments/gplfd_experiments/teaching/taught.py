@@ -20,8 +20,7 @@ from gplfd_experiments.files.plain_data import entry
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.demonstrations.alignment import without_rests
-from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import Correction, Demonstration
 from gplfd_policies.demonstrations.npz import FILE, save_demonstrations
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill

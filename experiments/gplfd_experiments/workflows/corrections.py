@@ -15,7 +15,7 @@ from gplfd_experiments.teaching.lesson import CorrectionLesson
 from gplfd_experiments.teaching.page import Session, serve
 from gplfd_experiments.teaching.taught import CorrectedSkill
 from gplfd_experiments.workflows.runs import check_frame
-from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.catalogue import method_and_skill
 

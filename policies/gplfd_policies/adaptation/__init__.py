@@ -54,11 +54,7 @@ class AdaptedMovement:
     form: AdaptationForm
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """Return the conditioned distribution at ``times``; "product" depends on them.
-
-        Raises:
-            ValueError: if a via-point or a time is outside what the form can handle.
-        """
+        """Return the conditioned distribution; "product" depends on the times."""
         times = grid = checked_times(times)
         others = self.movement.aligned.times
         partial = times.size == 1 or times[0] > others[0]

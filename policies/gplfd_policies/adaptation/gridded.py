@@ -87,10 +87,7 @@ def _drifting(adapted: GaussianTrajectory, drift: Outputs) -> np.ndarray:
 
 
 class GriddedMovements:
-    """Movements on grids of equal size in one table, adapted in place.
-
-    Either a single movement, whose arrays have no leading axis, or one per row.
-    """
+    """Movements on equal grids in one table, adapted in place: one, or one per row."""
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
         alone = isinstance(movements, GriddedMovement)

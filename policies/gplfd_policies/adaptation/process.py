@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.resolution import thinned
+from gplfd_policies.arrays.records import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
@@ -31,20 +31,15 @@ from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import Skill
 
 _STRONGEST = 1e-8
-"""Least via-point variance, relative to the largest variance of the output, so that
-repeated or contradictory via-points have a solution, their average."""
+"""Least via-point variance, relative to the largest variance of the output."""
 _LEFT_OUT = 1e-7
-"""Eigenvectors of a smooth covariance whose eigenvalue is below this share of the
-largest are left out: no via-point can observe them."""
+"""Share of the largest eigenvalue below which no via-point can observe a curve."""
 _SMOOTHING_GRID = 60
 """Samples of a demonstration from which its smooth curve is computed."""
-_OWN_SHARE = 0.5
-"""Size of a door's own force relative to the demonstrated forces."""
+_OWN_SHARE = 0.5  # size of a door's own force relative to the demonstrated forces
 _OWN_PRIOR = (0.98, 0.01, 0.01)
-"""Probability that a door has no force of its own, a constant one, or a varying one;
-with 50 %, intervals are too wide at doors like the demonstrated ones."""
-_OWN_SCALE = 0.1
-"""Length scale of the varying part of a door's own force, in phase."""
+"""Probability that a door has no own force, a constant one, or a varying one."""
+_OWN_SCALE = 0.1  # length scale of the varying part of a door's own force, in phase
 _OUTPUTS, _DIAGONAL = np.arange(6)[:, None], np.diag_indices(6)
 
 Local = tuple[Pose, Pose, Float[np.ndarray, "6 R"]]
@@ -61,8 +56,7 @@ class Repetition:
     deviations: Float[np.ndarray, "6 Q R"]
     """Coefficients of the curves φ_i, R of each output."""
     log_white: Float[np.ndarray, "Q 6"]
-    """Coefficients of the logarithm of the white variance, which via-points do not
-    reduce."""
+    """Coefficients of the logarithm of the white variance."""
 
     @classmethod
     def from_covariance(
@@ -175,10 +169,7 @@ class ConditionedProcess:
     def update(
         self, here: Local, pose: Pose, noise_variance: Pose, along: Pose
     ) -> None:
-        """Condition on a pose; outputs with infinite noise are ignored.
-
-        The prior is that of `at`, ``along`` as in `ViaPoint`.
-        """
+        """Condition on a pose, given `at`; infinite noise is for free outputs."""
         mean, _, curves = here
         observed = np.isfinite(noise_variance)
         design = self._design
@@ -276,10 +267,6 @@ class ProcessAdaptation(ConditionedProcess):
         The empirical share, within [0, 1], is the share of the deviations' covariance
         taken from the demonstrations' own curves; by default it follows from their
         number (`gplfd_policies.gp.deviations.conjugate_share`).
-
-        Raises:
-            ValueError: for another share, a single demonstration, or a grid that is
-                empty, not finite, or far outside the demonstrations.
         """
         prior = demonstrated_repetition(skill, grid, empirical_share)
         super().__init__(prior, float(skill.count - 1), grid)

@@ -47,11 +47,7 @@ class ProductAdaptation:
         grid: Times,
         prior_mean: Literal["demonstration", "zero"] = "demonstration",
     ) -> None:
-        """Start from the demonstrations, on strictly increasing phases (M,).
-
-        Raises:
-            ValueError: for another grid, or an unknown prior mean of the via-points.
-        """
+        """Start from the demonstrations, on strictly increasing phases (M,)."""
         if prior_mean not in ("demonstration", "zero"):
             raise ValueError(
                 f"prior_mean must be 'demonstration' or 'zero', got {prior_mean!r}."

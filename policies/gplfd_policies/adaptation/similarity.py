@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
@@ -33,10 +33,8 @@ _LEAST_STD: Final = np.array([1e-3, 1e-2, 1e-2, 1e-2])
 """Least standard deviation of height and rotation [m, rad]."""
 _CONSTANT: Final = 0.5
 """g: share of their variance that is constant during a repetition."""
-_STRONGEST: Final = 1e-4
-"""Least noise of a via-point, relative to the deviation."""
-_NOISE: Final = 1e-3
-"""Standard deviation in every direction that no path explains [m]."""
+_STRONGEST: Final = 1e-4  # least noise of a via-point, relative to the deviation
+_NOISE: Final = 1e-3  # standard deviation in every direction that no path explains [m]
 
 
 class SimilarityAdaptation:

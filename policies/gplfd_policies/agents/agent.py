@@ -1,15 +1,13 @@
 """The agent interface, an adapter for agents of users, and the compliant agent.
 
 The compliant agent follows Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` implements its
-control step.
+Demonstration*, arXiv:2002.09979, by `gplfd_policies.control.compliance`.
 """
 
 import contextlib
-import dataclasses
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, Protocol, SupportsIndex, get_args, runtime_checkable
 
 import numpy as np
@@ -64,8 +62,8 @@ def as_agent(candidate: object) -> Agent:
         candidate: Object with ``act(observation)``, which returns the commanded pose
             (6,) [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)``
             and ``forecast()`` are called if they exist. With an attribute ``control =
-            "impedance"`` it also commands the stiffness of the arm: ``act`` returns
-            pose and stiffness (12,) [m, rad, N/m, N m/rad], or a step with both.
+            "impedance"`` ``act`` returns pose and stiffness (12,) [m, rad, N/m, N
+            m/rad], or a step with both.
 
     Returns:
         An agent that checks the values that the object returns in each step.
@@ -87,8 +85,7 @@ class CheckedAgent:
     """Adapter for a user's agent: adds missing methods and checks returned values."""
 
     def __init__(self, candidate: Any) -> None:
-        self._candidate = candidate
-        self._step = 0
+        self._candidate, self._step = candidate, 0
         control: Any = getattr(candidate, "control", "pose")
         if control not in get_args(Control):
             raise ValueError(
@@ -154,8 +151,7 @@ _WANTED: Final = {
     "[m, rad], or an AgentStep with such an action; to command the arm's stiffness, "
     "too, give the agent an attribute control = 'impedance'",
     "impedance": "the commanded pose and stiffness, twelve finite numbers (six [m, "
-    "rad], then six [N/m, N m/rad] on the same axes), or an AgentStep with such an "
-    "action and stiffness; to command poses alone, leave its attribute control out",
+    "rad], then six [N/m, N m/rad] on the same axes), or an AgentStep with both",
 }
 
 
@@ -163,15 +159,11 @@ _WANTED: Final = {
 class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
 
-    The command phase advances with time, at the demonstrations' mean speed, unless the
-    load rule slows it down.
-
     Attributes:
         movement: The movement on a grid of phases, adapted in place.
         phases: Estimates the phase of an observed pose.
         config: Stiffness, load, timing and via-points.
-        forces: The movement of the demonstrated forces, adapted in place; None if there
-            are none.
+        forces: The movement of the demonstrated forces, adapted in place, or None.
         handle: The handle that the demonstrations turn; None for a bar.
     """
 
@@ -184,12 +176,9 @@ class CompliantAgent:
 
     def __post_init__(self) -> None:
         handle = turned_handle(self.movement.learned.aligned)
+        handles = [] if handle is None else [handle]
         controller = controller_of(
-            self.movement,
-            self.phases,
-            self.config,
-            [] if handle is None else [handle],
-            self.forces,
+            self.movement, self.phases, self.config, handles, self.forces
         )
         object.__setattr__(self, "handle", handle)
         object.__setattr__(self, "_controller", controller)
@@ -212,12 +201,7 @@ class CompliantAgent:
         self._controller.reset()
 
     def act(self, observation: Observation) -> AgentStep:
-        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m].
-
-        Raises:
-            ValueError: If one of them is missing, or is not six finite numbers; the
-                agent has not changed.
-        """
+        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
         return self._controller.decide(*measured(observation))
 
     def forecast(self) -> GaussianTrajectory:
@@ -225,8 +209,7 @@ class CompliantAgent:
         return self.movement.trajectory()
 
 
-Mask = np.ndarray
-"""Boolean mask, (N,); it is checked."""
+Mask = np.ndarray  # boolean, (N,); it is checked
 
 
 class AgentBatch:
@@ -247,11 +230,7 @@ class AgentBatch:
         self._reset(observations, rows_of(mask, len(self._agents)))
 
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        """Return the next commands of the agents of the mask (N,), or of all.
-
-        Rows of the observations (N, ...) of the other agents are not read, and these
-        agents do not change.
-        """
+        """Return the next commands of the agents of the mask (N,), or of all."""
         rows = rows_of(mask, len(self._agents))
         steps = self._decide(observations, rows).among(rows, self._actions)
         self._actions = steps.action
@@ -278,11 +257,7 @@ def _of(observations: Observation, row: int) -> Observation:
 
 
 class _VectorisedBatch(AgentBatch):
-    """Compliant agents with one configuration, computed together.
-
-    Most of a control step is NumPy's cost per call, which they share; each decides as
-    it would alone.
-    """
+    """Compliant agents with one configuration, computed together, each as if alone."""
 
     def __init__(self, agents: Sequence[CompliantAgent]) -> None:
         super().__init__(agents)
@@ -305,9 +280,7 @@ class _VectorisedBatch(AgentBatch):
 
 
 def batch_agents(agents: Sequence[object]) -> AgentBatch:
-    """Combine agents into a batch.
-
-    The batch takes over the agents: they must be reset before they can act alone again.
+    """Combine agents into a batch, which takes them over.
 
     Args:
         agents: One object per row, from `make_agent`, or any object that
@@ -315,8 +288,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 
     Returns:
         A batch that computes all rows together if they are `CompliantAgent`s with the
-        same configuration and kind of handle (e.g. learned from the same
-        demonstrations). Otherwise it calls one agent after the other.
+        same configuration and kind of handle. Otherwise it calls one after the other.
 
     Raises:
         ValueError: If there is no agent, one is given twice, one cannot act, or only
@@ -325,10 +297,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
     if len({id(agent) for agent in agents}) < len(agents):
-        raise ValueError(
-            "an agent is given twice, but it can open only one door at a time; make "
-            "one agent per member"
-        )
+        raise ValueError("an agent is given twice; make one agent per member")
     checked = [as_agent(agent) for agent in agents]
     if len({agent.control for agent in checked}) > 1:
         raise ValueError(
@@ -345,11 +314,14 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 def _shared(agent: CompliantAgent) -> tuple[object, ...]:
     """Return the part that the agents of a batch must share; arrays as bytes."""
 
+    def values(record: Any) -> list[Any]:
+        return [getattr(record, entry.name) for entry in fields(record)]
+
     def comparable(part: object) -> object:
         if isinstance(part, StiffnessProfile):
             return part.k_max.tobytes(), part.k_min.tobytes()
         if isinstance(part, VirtualDynamics | PhaseStiffness):
-            return [np.ravel(value).tobytes() for value in _values(part)]
+            return [np.ravel(value).tobytes() for value in values(part)]
         return part
 
     return (
@@ -358,9 +330,5 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
         agent.phases.settings,
         agent.handle is None,
         agent.forces is None,
-        *map(comparable, _values(agent.config)),
+        *map(comparable, values(agent.config)),
     )
-
-
-def _values(record: Any) -> list[Any]:
-    return [getattr(record, field.name) for field in dataclasses.fields(record)]

@@ -23,9 +23,6 @@ class CommandedPath:
 
     Stiffness and damping are along the axes of the frame of the poses, by default the
     task frame.
-
-    Raises:
-        ValueError: The stiffness rises faster than stable, or a number is not finite.
     """
 
     times: Float[np.ndarray, " M"]
@@ -77,10 +74,9 @@ class CommandedPath:
     def seen_from(self, task: Pose, tool: Float[np.ndarray, "3"]) -> "CommandedPath":
         """Return the path in another frame, given the pose of the task frame in it.
 
-        In the new frame K = R diag(k) Rᵀ is not diagonal. Here k along a new axis is
-        the least k of the old axes with a component above 1e-4 along it. This is in no
-        direction stiffer than K, rises no faster, and equals k for parallel axes. σ is
-        exact, and the lead is computed from the new stiffness.
+        There K = R diag(k) Rᵀ is not diagonal. Here k along a new axis is the least k
+        of the old axes with a component above 1e-4 along it, which is in no direction
+        stiffer than K and rises no faster. The lead is that of the new stiffness.
 
         Args:
             task: pose of the task frame in the new frame [m, rad].
@@ -113,15 +109,14 @@ class CommandedPath:
 def commanded_path(agent: CompliantAgent) -> CommandedPath:
     """Compute the commands of an agent for a hand that follows without force.
 
-    The agent must be one of `gplfd_policies.registry.method.Method.open_loop`, whose
-    commands do not depend on the hand. The samples are one control period apart. Raises
-    a ValueError for a motion of more than 60,000 samples, and as `CommandedPath`.
+    The agent must be one of `gplfd_policies.registry.method.Method.open_loop`. Raises a
+    ValueError for a motion of more than 60,000 samples, and as `CommandedPath`.
     """
-    lasting = agent.movement.learned.duration
-    if lasting > _MOST_SAMPLES * agent.config.control_period:
+    lasting, period = agent.movement.learned.duration, agent.config.control_period
+    if lasting > _MOST_SAMPLES * period:
         raise ValueError(
             f"the motion takes {lasting:.4g} s; commands are computed for at most "
-            f"{_MOST_SAMPLES * agent.config.control_period:.4g} s at this rate"
+            f"{_MOST_SAMPLES * period:.4g} s at this rate"
         )
     agent.reset({})
     hand, free = agent.forecast().mean[0], np.zeros(6)
@@ -132,7 +127,7 @@ def commanded_path(agent: CompliantAgent) -> CommandedPath:
         hand, lead = step.desired, np.abs(step.action - step.desired)
         arrived = bool(step.phase >= 1.0 and lead.max() < 1e-4)  # [m]
     return CommandedPath(
-        times=np.arange(len(steps)) * agent.config.control_period,
+        times=np.arange(len(steps)) * period,
         poses=np.array([step.action for step in steps]),
         path=np.array([step.desired for step in steps]),
         std=np.array([step.std for step in steps]),

@@ -1,8 +1,7 @@
 """Movements and load of hands that open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` does not model a handle.
-`controller_of` gives it movements and a load that do. The phase is estimated from the
-hand pose that the demonstrated handle turn would give.
+The controller of `gplfd_policies.control.compliance` does not model a handle;
+`controller_of` gives it movements and a load that do.
 """
 
 from collections.abc import Sequence
@@ -25,22 +24,16 @@ from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseRule
 
 _SERVO_LAG: Final = 0.012
-"""Distance by which a hand that turns a handle lags behind its command: 24 N of the
-servo [m]. This is less than the tuned share of a lever's travel, and half of the travel
-of a thumb piece."""
-
-
+"""Lag of a hand that turns a handle behind its command: 24 N of the servo [m]."""
 LATCHED_FORCE: Final = 10.0
 """Force along the path above which a door that does not move may be latched [N]. Tuned,
 below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
 CLOSED_DISTANCE: Final = 0.01
 """A door counts as closed while its handle axis has moved less than this [m]."""
 FOLLOWING_SHARE: Final = 0.8
-"""Share of the commanded turn above which a handle counts as following; otherwise it is
-at its stop. Tuned."""
+"""Share of the commanded turn above which a handle follows, not at its stop. Tuned."""
 GEAR_RATE: Final = 0.5
-"""Growth rate of the gear ratio while the door does not move [1/s]: 0.4 rad/s if 0.8
-rad was demonstrated, half of the demonstrated pace."""
+"""Growth rate of the gear ratio while the door does not move [1/s]."""
 MAX_GEAR: Final = 1.6
 """Greatest gear ratio: no handle turns further than about 75°."""
 
@@ -52,11 +45,7 @@ def controller_of(
     handles: Sequence[TurnedHandle],
     forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
 ) -> ComplianceController:
-    """Return the controller of one hand or many, for bars or for turning handles.
-
-    Movements are on grids of equal size and are adapted in place. Without handles, the
-    controller is for bars.
-    """
+    """Return the controller of one hand or many, for turning handles or without any."""
     forecast = None
     if forces is not None:
         forecast = ForceForecast(GriddedMovements(forces), config.force_std)
@@ -74,12 +63,10 @@ class HandleMovements(GriddedMovements):
     """Movements of hands that turn handles; their paths are the paths of the axes.
 
     * Path and via-points of a door are those of the handle's axis
-      (`gplfd_policies.demonstrations.turned_handle`), not of the hand: the policy
-      itself turns the handle, and its spring displaces the hand about the axis. Neither
-      is information about the door.
+      (`gplfd_policies.demonstrations.turned_handle`), not of the hand: how the policy
+      itself turns the handle is no information about the door.
     * A gear ratio, initially 1, relates the demonstrated turn to the turn of the hand:
-      observed turns are divided by it, commanded turns multiplied. Thus the handle also
-      returns as demonstrated, from a larger angle.
+      observed turns are divided by it, commanded turns multiplied.
 
     Each hand is computed with scalars, so that one hand and many give the same bits.
     """
@@ -167,9 +154,9 @@ class HandleMovements(GriddedMovements):
     ) -> np.ndarray:
         """Turn handles further if their doors do not move; return which, bool (*N).
 
-        The agent cannot observe whether the bolt is free. A handle is turned further if
-        the door resists along its path with a load [N] and has not moved, and the
-        handle has reached the commanded angle; up to a stop.
+        The bolt cannot be observed. A handle is turned further if the door resists
+        along its path with a load [N] and has not moved, and the handle has reached the
+        commanded angle; up to a stop.
         """
         turned = []
         for number, pose, path, force in zip(
@@ -204,10 +191,9 @@ class HandleMovements(GriddedMovements):
 class HandleLoad(Load):
     """A load rule applied twice: to the spring of the handle, and to the door.
 
-    While the door opens, the force of a lever's spring is across the path. If the hand
-    yields to it, the handle turns back, and the policy adapts to this motion. Therefore
-    the load of the handle is compensated along the motion about its axis, and the load
-    of the door along the path of the axis.
+    While the door opens, the force of a lever's spring is across the path, and a hand
+    that yields to it turns the handle back. Therefore the load of the handle is
+    compensated along the motion about its axis, that of the door along the axis's path.
     """
 
     def __init__(self, config: ComplianceConfig, movements: HandleMovements) -> None:

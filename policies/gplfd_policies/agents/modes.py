@@ -26,11 +26,9 @@ _LASTING: Final = 3
 """Control steps that a force must last to count: slipping fingers cause short peaks."""
 _TURNED: Final = 0.5
 """Share of the demonstrated turn above which a handle counts as turned."""
-_STRIDE: Final = 1e-3
-"""Largest step while the hand moves back [m]: 10 cm/s."""
+_STRIDE: Final = 1e-3  # largest step while the hand moves back [m]: 10 cm/s
 _SLOWING: Final = 0.05
-"""Such a step relative to the distance from the start, so that the leaf shuts
-softly."""
+"""Such a step relative to the distance from the start: the leaf shuts softly."""
 _REST: Final = 0.4
 """Rest at the start before another mode begins [s], so that the leaf can shut."""
 
@@ -51,21 +49,13 @@ class ModeConfig(Quantities):
 
     The agent changes from its mode i to the mode j if w_j > `odds` w_i. With two modes
     of equal shares it abandons the first at F = b √(2 log `odds`), 15 N, the second at
-    √2 F, the first again at √3 F, and so on: a door that opens in no mode is tried with
-    more force each time, up to the limit of the load rule. A mode with a share of 5/6
-    is abandoned at 20 N.
-
-    Raises:
-        ValueError: A number is outside its range.
+    √2 F, the first again at √3 F, and so on up to the limit of the load rule.
     """
 
     load_scale: float = quantity(7.5, above=0.0, unit="N")
-    """b: most probable force that opens a door [N]. One of 80 doors needs more than the
-    22.2 N that ADA 404.2.9 allows."""
+    """b: most probable force that opens a door [N] (ADA 404.2.9: 22.2 N)."""
     turned_load_scale: float = quantity(20.0, above=0.0, unit="N")
-    """b after the hand has turned a handle [N]: the grasp behind it is stronger, and
-    such doors may have closers. The first of two modes is abandoned at 40 N. A closer
-    of size 2 (EN 1154) needs 37 N."""
+    """b after the hand has turned a handle [N]: the grasp behind it is stronger."""
     odds: float = quantity(math.exp(2.0), above=1.0)
     """Ratio of probabilities above which the agent changes to another mode."""
     step: float = quantity(5e-3, above=0.0, unit="m")
@@ -81,9 +71,9 @@ class ModeConfig(Quantities):
 class ModesAgent:
     """Acts by the agent of the most probable mode, and moves back to try another one.
 
-    It begins with the mode that has most demonstrations, or with the first of these. To
-    move back, the hand returns through the poses of its path to the start, where the
-    agent of the other mode begins. The set-point does not jump at either change.
+    It begins with the mode of most demonstrations. To move back, the hand returns
+    through the poses of its path to the start, where the agent of the other mode
+    begins. The set-point does not jump at either change.
 
     Args:
         agents: One per mode, the mode of most demonstrations first.

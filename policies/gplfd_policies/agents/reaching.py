@@ -1,8 +1,8 @@
 """Reaching for a handle as demonstrated, then opening with another agent.
 
-The reach is a movement like any other: six heteroscedastic Gaussian processes, learned
-from demonstrations that begin at many places and end at the handle. The initial pose of
-the hand is a via-point at the first phase, the handle a via-point at the last.
+The reach is a movement like any other, learned from demonstrations that begin at many
+places and end at the handle. The initial pose of the hand is a via-point at the first
+phase, the handle a via-point at the last.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.shapes import Axes, Bool, Float, Pose
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
@@ -39,8 +39,7 @@ Waves = Float[np.ndarray, "2 ..."]
 Stage = Literal["reach", "back", "in", "close", "shake", "held"]
 
 CLOSING: Final = 0.9
-"""Time that the gripper needs to close with full force [s]; the hand waits at the
-handle meanwhile."""
+"""Time in which the gripper closes with full force, while the hand waits [s]."""
 
 ATTEMPTS: Final = 3
 """Greatest number of grasps. More would leave no time to open the door."""
@@ -49,34 +48,29 @@ CONTACT_FORCE: Final = 8.0
 """Force on the hand that stops a motion [N]: several times the noise of the sensor."""
 
 DAMPING: Final = 400.0
-"""D: damping with which the hand yields to forces while the gripper closes [N s/m].
-With the servo's 2000 N/m the bandwidth of the loop is 5 rad/s."""
+"""D: damping with which the hand yields while the gripper closes [N s/m]."""
 
 SHAKE: Final = (0.006, 0.6)
 """Amplitude [m] and duration [s] of the test of a grasp."""
 
 RESISTANCE: Final = 1.5
 """Least amplitude of the force that resists the shake if the hand holds something [N].
-With the servo's 2000 N/m a rigid handle resists with 12 N, a lever's spring with 2 to
-9 N; an empty hand has no resistance, and noise of 1 N contributes 0.2 N."""
+A rigid handle resists with 12 N, a lever's spring with 2 to 9 N; an empty hand has no
+resistance, and noise of 1 N contributes 0.2 N."""
 
-_REST: Final = 0.15
-"""Time for which the hand rests after the shake [s]."""
+_REST: Final = 0.15  # time for which the hand rests after the shake [s]
 _SETTLED: Final = 0.2
 """Forces count as contact only after this time since the beginning of a motion [s]."""
 _ARRIVED: Final = 0.005
 """A force nearer than this to the goal is caused by the closing fingers [m]."""
 _FINGER: Final = 0.05
-"""Distance of an open finger from the middle, and thus the greatest of a contact
-[m]."""
+"""Distance of an open finger from the middle: the greatest of a contact [m]."""
 _BEFORE: Final = np.array([0.12, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""Turning point of the hand relative to the goal [m, rad]: far enough for the fingers
-to pass the handle."""
+"""Turning point of the hand relative to the goal, where fingers pass [m, rad]."""
 _BACK_TIME: Final = 0.9
 _IN_TIME: Final = 1.1
 _DEEPER: Final = (-1.5, -1.0)
-"""Additional depth of the next grasps, in standard deviations: without a contact the
-handle can only be beyond the finger tips."""
+"""Additional depth of the next grasps, in standard deviations."""
 
 
 def split_at_grasp(
@@ -90,20 +84,16 @@ def split_at_grasp(
             "hold of it and keep it to the end"
         )
     times, poses = demonstration.times, demonstration.poses
-    reach = Demonstration(times=times[: first + 1], poses=poses[: first + 1])
     wrenches = demonstration.wrenches
-    return reach, Demonstration(
-        times=times[first:],
-        poses=poses[first:],
-        wrenches=None if wrenches is None else wrenches[first:],
+    held = None if wrenches is None else wrenches[first:]
+    return (
+        Demonstration(times=times[: first + 1], poses=poses[: first + 1]),
+        Demonstration(times=times[first:], poses=poses[first:], wrenches=held),
     )
 
 
 def join_at_grasp(reach: Demonstration, opening: Demonstration) -> Demonstration:
-    """Return the demonstration from its two parts; the inverse of `split_at_grasp`.
-
-    If the opening has wrenches, those of the reach are zero: the hand holds nothing.
-    """
+    """Join the parts of `split_at_grasp`; a reach has wrenches of zero, if any."""
     wrenches = opening.wrenches
     if wrenches is not None:
         wrenches = np.concatenate([np.zeros((len(reach.times) - 1, 6)), wrenches])
@@ -120,15 +110,11 @@ def openings(recorded: LabelledDemonstrations) -> Sequence[Demonstration]:
 
 
 def reaches(recorded: LabelledDemonstrations) -> Sequence[Demonstration]:
-    """Return the part of each demonstration before the hand holds the handle.
-
-    Raises:
-        ValueError: The demonstrations do not record when the hand takes hold.
-    """
+    """Return the part of each demonstration before the hand holds the handle."""
     parts = _parts(recorded)
     if not parts:
         raise ValueError(
-            f"these demonstrations do not record when the hand takes hold (signal "
+            "these demonstrations do not record when the hand takes hold (signal "
             f"{GRASPED!r}), so reaching cannot be learned from them; leave out --start "
             "approach, or --demonstrations"
         )
@@ -143,10 +129,7 @@ def _parts(
         return []
     # Without any signals, there are none to pair.
     pairs = zip(recorded.demonstrations, recorded.signals, strict=False)
-    return [
-        split_at_grasp(demonstration, signals[GRASPED][:, 0] > 0.5)
-        for demonstration, signals in pairs
-    ]
+    return [split_at_grasp(motion, s[GRASPED][:, 0] > 0.5) for motion, s in pairs]
 
 
 def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
@@ -158,14 +141,11 @@ def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
 class GraspSearch:
     """Commands of one episode, from the standoff until the hand holds the handle.
 
-    It uses only the hand's pose and the wrench on it, not the width of the fingers.
-
     1. *Reach*: as learned. A contact stops the motion. Its point r in the hand, of
        which F × (r × F)/F² is known, shows where the handle is.
-    2. *Close*: while the gripper closes, the hand follows the force, ė = F/D, and
-       centres itself on the handle.
-    3. *Shake*: a motion upwards and to the side. Its resistance is the amplitude of the
-       opposing force. If the hand holds something, there is resistance on both axes.
+    2. *Close*: while the gripper closes, the hand follows the force, ė = F/D.
+    3. *Shake*: a motion upwards and to the side. If the hand holds something, it is
+       resisted, i.e. there is an opposing force, on both axes.
     4. If not, *back* and *in*: straight to the next place.
 
     Args:
@@ -268,22 +248,17 @@ class ReachingAgent:
     """Reaches for the handle, waits until the gripper closes, then uses another agent.
 
     If the handle's pose is uncertain, a `GraspSearch` corrects the reach by contact.
-    The other agent then observes poses relative to the hand pose at the grasp, in axes
-    of the task frame, so that it begins at zero, like its demonstrations. If no attempt
-    succeeds, the pose of the last attempt is used.
+    The other agent then observes poses relative to the hand pose at the (last) grasp,
+    in axes of the task frame, so that it begins at zero, like its demonstrations.
 
     Args:
         reach: The movement from `learn_reach`.
         then: The agent that opens the door.
-        perception: Standard deviations of the handle's believed pose [m, rad], as
-            in `gplfd_env.doors.randomization.DoorRandomization.perception`.
+        perception: Standard deviations of the handle's believed pose [m, rad].
     """
 
     def __init__(
-        self,
-        reach: Movement,
-        then: Agent,
-        perception: tuple[float, float] = (0.0, 0.0),
+        self, reach: Movement, then: Agent, perception: tuple[float, float] = (0.0, 0.0)
     ) -> None:
         self._reach, self._then, self._perception = reach, then, perception
         self._door: DoorGeometry | None = None

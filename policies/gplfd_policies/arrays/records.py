@@ -1,10 +1,12 @@
-"""Records that own their arrays, with a short repr."""
+"""Records that own their arrays, with a short repr; thinned and interpolated curves."""
 
 import reprlib
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
+
+from gplfd_policies.arrays.shapes import Float, Int
 
 
 def owned(array: np.ndarray) -> np.ndarray:
@@ -48,3 +50,21 @@ def short_repr(record: Any) -> str:
         if field.repr
     )
     return f"{type(record).__name__}({', '.join(entries)})"
+
+
+FINEST = 1e-6
+"""Finest resolution of poses, scales and standard deviations: 1 µm and 1 µrad."""
+
+
+def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
+    """Return at most ``most`` of ``size`` indices, evenly spread, with both ends."""
+    return np.unique(np.linspace(0, size - 1, most).round().astype(int))
+
+
+def interpolated(
+    wanted: Float[np.ndarray, " N"],
+    places: Float[np.ndarray, " M"],
+    curves: Float[np.ndarray, "M C"],
+) -> Float[np.ndarray, "N C"]:
+    """Return curves interpolated at other places; constant beyond the ends."""
+    return np.column_stack([np.interp(wanted, places, curve) for curve in curves.T])

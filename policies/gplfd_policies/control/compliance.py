@@ -2,9 +2,9 @@
 
 Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979. Arrays of many hands have a leading axis of rows. A
-row does not depend on the other rows, to the last bit: arithmetic is elementwise, and
-NumPy sums over a direction in a fixed order. BLAS products such as ``vecdot`` are not
-used across rows, because some add in an order that depends on the memory address.
+row does not depend on the others, to the last bit: arithmetic is elementwise, and sums
+have a fixed order. BLAS products such as ``vecdot`` are not used across rows, because
+some add in an order that depends on the memory address.
 """
 
 import math
@@ -36,12 +36,10 @@ from gplfd_policies.control.stiffness import (
 from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule
 
-_PULL: Final = np.array([1.0, 0.0, 0.0])
-"""Direction of the path before the first step."""
+_PULL: Final = np.array([1.0, 0.0, 0.0])  # direction of the path before the first step
 _UNITS: Final = np.eye(3)
 _HELD: Final = 1e-3
-"""Length of the last direction that is added to the path's chord [m], so that the
-stiffness does not turn while the path stands still."""
+"""Length of the last direction added to the chord of a path that stands still [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,8 +57,7 @@ class ComplianceConfig:
     rendering: type[VirtualRendering] | type[ArmRendering] = VirtualRendering
     """Where compliance is realised: by virtual dynamics, or by the arm itself."""
     stiffness_frame: Literal["path", "axes"] = "path"
-    """Directions of the translational stiffness: along the path, up and across it, or
-    the axes of the task frame."""
+    """Directions of the translational stiffness: of the path, or the task's axes."""
     control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
     via_spacing: float = quantity(0.01, above=0.0)
@@ -68,18 +65,16 @@ class ComplianceConfig:
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
     force_std: tuple[float, float] = (1.0, 0.1)
-    """Standard deviation of a measured force [N] and moment [N m] as an observation of
-    the force that this door needs."""
+    """σ of a measured force [N] and moment [N m] as observations of the door's."""
     settling_time: float = quantity(0.1, low=0.0, unit="s")
-    """Time constant with which the set-point moves to a path that a via-point has
-    changed [s]; 0 for a jump. Tuned."""
+    """Time constant of the set-point after a via-point [s]; 0 for a jump. Tuned."""
     max_turn_lead: float = quantity(0.05, above=0.0)
-    """Greatest lead of the set-point's rotation over the hand, in phase. The hand turns
-    with the handle; if it turned earlier, it would only twist on the bar."""
+    """Greatest lead of the set-point's rotation over the hand, in phase: if the hand
+    turned earlier than the handle, it would only twist on the bar."""
     phase_drop: float = quantity(0.1, above=0.0)
-    """If the observed phase falls by more than this below the last via-point, in phase,
-    that phase counts as wrong and via-points are used again. Tuned: ten times
-    `via_spacing`, more than a door swings back."""
+    """If the observed phase falls by more than this below the last via-point, that
+    phase counts as wrong. Tuned: ten times `via_spacing`, more than a door swings
+    back."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -94,12 +89,11 @@ class ComplianceConfig:
             raise ValueError(
                 f"ComplianceConfig.profile asks for {profile.k_min} to {profile.k_max} "
                 "[N/m, N m/rad], but its rendering can do from "
-                f"{lowest} to {highest}; choose another profile, or VirtualRendering"
+                f"{lowest} to {highest}; choose another one"
             )
-        name = "ComplianceConfig.stiffness_frame"
-        check_choice(name, self.stiffness_frame, ("path", "axes"))
-        along_path = self.stiffness_frame == "path"
-        why = 'choose ComplianceConfig(stiffness_frame="axes")'
+        frame = self.stiffness_frame
+        check_choice("ComplianceConfig.stiffness_frame", frame, ("path", "axes"))
+        along_path, why = frame == "path", 'choose stiffness_frame="axes"'
         if along_path and self.rendering.control == "impedance":
             raise ValueError(
                 f"an arm is commanded its stiffness along the task's axes; {why}"
@@ -137,11 +131,7 @@ class _SetPoint(NamedTuple):
 
 
 class ComplianceController:
-    """Controls one hand, or many with one phase rule and one config.
-
-    `gplfd_policies.agents.handles.controller_of` makes one, with adapters around
-    movements and load if handles turn.
-    """
+    """Controls one hand, or many with one phase rule and one config."""
 
     def __init__(
         self,
@@ -157,8 +147,7 @@ class ComplianceController:
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
         self._renderer = config.rendering(config.dynamics, config.control_period, shape)
         self._via_noise = np.repeat(config.via_std, 3)
-        self._command_phase = np.zeros(shape)
-        self._observed_phase = np.zeros(shape)
+        self._command_phase, self._observed_phase = np.zeros(shape), np.zeros(shape)
         self._last_via = np.zeros(shape)
         self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
         self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
@@ -166,13 +155,10 @@ class ComplianceController:
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Begin an episode at the closed door in these rows."""
-        self._movements.reset(rows)
-        self._phases.reset(rows)
-        self._load.reset(rows)
-        if self._forces is not None:
-            self._forces.reset(rows)
-        self._governor.reset(rows)
-        self._renderer.reset(rows)
+        parts = self._movements, self._phases, self._load, self._governor
+        for part in (*parts, self._renderer, self._forces):
+            if part is not None:
+                part.reset(rows)
         for phase in (self._command_phase, self._observed_phase, self._last_via):
             phase[rows] = 0.0
         self._std[rows] = np.nan
@@ -201,7 +187,11 @@ class ComplianceController:
             force, force_ahead = forces.expect(phase, axes, rows)
             forces.measure(wrenches, axes, rows)
 
-        due = self._due(phase, rows)
+        # Due for a via-point are rows that moved on, or whose last phase was wrong.
+        config, last_via = self._config, self._last_via[rows]
+        lost = phase < last_via - config.phase_drop
+        due = (phase >= last_via + config.via_spacing) | lost
+        self._last_via[rows] = np.where(due, phase, last_via)
         if due.any():
             command_phase = self._adapt(due, estimate, poses, command_phase, rows)
             _, _, direction = movements.ahead(phase, rows)
@@ -264,18 +254,6 @@ class ComplianceController:
             **expectation,
         )
 
-    def _due(self, phase: PerRow, rows: Rows) -> Bool[np.ndarray | np.bool_, "*N"]:
-        """Return the rows whose observed pose becomes a via-point.
-
-        They have moved on by `via_spacing`, or their phase has fallen so far that the
-        phase of the last via-point was wrong.
-        """
-        config, last_via = self._config, self._last_via[rows]
-        lost = phase < last_via - config.phase_drop
-        due = (phase >= last_via + config.via_spacing) | lost
-        self._last_via[rows] = np.where(due, phase, last_via)
-        return due
-
     def _adapt(
         self,
         due: Bool[np.ndarray | np.bool_, "*N"],
@@ -286,8 +264,8 @@ class ComplianceController:
     ) -> PerRow:
         """Condition due movements on the observed poses; return the command phases.
 
-        The set-point stays where it is: along the path, whose phases may shift, by the
-        command phase, and otherwise by an offset that decays.
+        The set-point stays where it is, along the path by the command phase, and
+        otherwise by an offset that decays.
         """
         movements, phase = self._movements, estimate.phase
         before = self._set_point(command_phase, phase, rows)
@@ -330,10 +308,7 @@ class ComplianceController:
     def _advance(
         self, observed_phase: PerRow, command_phase: PerRow, pace: PerRow, rows: Rows
     ) -> _SetPoint:
-        """Move the set-point to the mean at the command phase one period later.
-
-        Its rotation leads the hand by less than its position.
-        """
+        """Move the set-point to the mean at the command phase one period later."""
         config, movements = self._config, self._movements
         period = config.control_period
         step = pace * period / movements.durations[rows]
@@ -355,11 +330,7 @@ class ComplianceController:
     def _stiffen(
         self, target: _SetPoint, path_lag: PerRow, direction: Vectors, rows: Rows
     ) -> tuple[Axes, Axes, Frames | None, GovernedStiffness]:
-        """Return σ, its rate, its frame, and the stiffness from it, Eq. (24).
-
-        The stiffness rises at a limited rate. If the hand lags along the path, the
-        policy is wrong there: the lag is added to σ.
-        """
+        """Return σ with the lag, its rate, its frame, and the stiffness, Eq. (24)."""
         config, std, period = self._config, target.std, self._config.control_period
         lag = np.asarray(path_lag)[..., None] * direction
         frame, learned = None, config.phase_stiffness

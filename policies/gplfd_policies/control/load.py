@@ -3,8 +3,8 @@
 In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
 set-point. A force *across* the path shows that the path is wrong, and the hand should
 yield. A force *along* the path may be the door's weight, under which a yielding hand
-stalls, or a person who holds the hand. The past distinguishes them: the door was
-equally heavy a centimetre ago.
+stalls, or a person. The past distinguishes them: the door was equally heavy a
+centimetre ago.
 """
 
 import math
@@ -20,6 +20,8 @@ from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
 from gplfd_policies.control.stiffness import StiffnessProfile, product
 from gplfd_policies.movements.movement import ViaPoint
 
+HandAxes = Float[np.ndarray, "... 3 3"]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExpectedForce:
@@ -29,7 +31,7 @@ class ExpectedForce:
     """Mean force, in the axes of the hand [N]."""
     std: Vectors
     """Standard deviation along each of these axes [N]."""
-    axes: Float[np.ndarray, "... 3 3"]
+    axes: HandAxes
     """Axes of the hand, as columns in the task frame."""
     largest: PerRow | float = math.inf
     """Largest demonstrated force on the whole way [N]."""
@@ -48,8 +50,7 @@ class ForceForecast:
     """Predicts the forces of some hands, and learns from measured forces.
 
     The demonstrated force is a movement like that of the poses. The mean force since
-    the last via-point is a via-point of it, because friction and sensors vary faster
-    than the phase. It is conditioned one control step after the via-point of the pose:
+    the last via-point is a via-point of it, one control step after that of the pose:
     two adaptations in one step would take too long.
     """
 
@@ -76,15 +77,9 @@ class ForceForecast:
         self._due[rows] = False
 
     def expect(
-        self,
-        phases: PerRow,
-        axes: Float[np.ndarray, "... 3 3"],
-        rows: Rows = ALL_ROWS,
+        self, phases: PerRow, axes: HandAxes, rows: Rows = ALL_ROWS
     ) -> tuple[ExpectedForce, ExpectedForce]:
-        """Return the expected forces at phases, and at the end of the path ahead.
-
-        The axes of the hands are columns in the task frame.
-        """
+        """Return the expected forces at phases, and at the end of the path ahead."""
         if self._due[rows].any():
             self._condition(rows)
         ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
@@ -96,12 +91,7 @@ class ForceForecast:
         )
         return here, ahead
 
-    def measure(
-        self,
-        wrenches: Axes,
-        axes: Float[np.ndarray, "... 3 3"],
-        rows: Rows = ALL_ROWS,
-    ) -> None:
+    def measure(self, wrenches: Axes, axes: HandAxes, rows: Rows = ALL_ROWS) -> None:
         """Add measured wrenches on the hands, task frame [N, N m]."""
         apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-1)
         # Wrench of the hand on what it holds, in the axes of the hand.
@@ -115,10 +105,7 @@ class ForceForecast:
         phases: PerRow,
         rows: Rows = ALL_ROWS,
     ) -> None:
-        """Schedule rows that are due to learn the mean measured since last time.
-
-        The force is conditioned on it, at these phases, before the next prediction.
-        """
+        """Schedule rows that learn the mean force before they predict again."""
         self._due[rows] = due
         self._phases[rows] = phases
 
@@ -137,8 +124,7 @@ class ForceForecast:
         self._due[rows] = False
 
 
-_NO_STIFFNESS: Final = 1e-9
-"""Divisor if there is no stiffness [N/m]."""
+_NO_STIFFNESS: Final = 1e-9  # divisor if there is no stiffness [N/m]
 
 _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 
@@ -156,13 +142,11 @@ class ContactState:
     displacement: Vectors
     """Displacement of the hand: e of Eq. (22) [m]."""
     expected: ExpectedForce | None = None
-    """Force expected from the demonstrations and from this door so far; None without
-    demonstrated forces."""
+    """Force expected from demonstrations and from this door so far, if any."""
     expected_ahead: ExpectedForce | None = None
     """The expected force at the end of the chord that defines `direction`."""
     hook_grasp: bool = False
-    """Whether the fingers are behind a handle that they have turned, and do not hold
-    it only by friction."""
+    """Whether the fingers are behind a handle, and not only hold it by friction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,21 +156,15 @@ class LoadResponse:
     compliant_wrench: Axes
     """Wrench that displaces the set-point: F of Eq. (22) [N, N m]."""
     compensated_load: PerRow
-    """Resistance along the path that is compensated, not part of `compliant_wrench`
-    [N]."""
+    """Resistance along the path that is compensated [N]."""
     pace: PerRow
-    """Pace of the command phase: 1 is normal, 0 is waiting, down to -1 for returning to
-    the hand."""
+    """Pace of the command phase: 1 is normal, 0 waits, -1 returns to the hand."""
     path_lag: PerRow
-    """Lag of the hand behind the set-point along the path, used as a standard deviation
-    in addition to the policy's own [m]."""
+    """Lag of the hand behind the set-point along the path, which adds to σ [m]."""
 
 
 class Load:
-    """State of a load rule: what it has learned about the doors of some rows.
-
-    Rules without state are used as their own state.
-    """
+    """State of a load rule; rules without state are used as their own state."""
 
     __slots__ = ()
 
@@ -213,22 +191,18 @@ class LearnedLoad(Load):
 
     with the direction u of the path, the displacement e of Eq. (22), the lag g of the
     hand along the path, and the stiffness k(g) along u from Eq. (24) with σ = g. The
-    rest, r - compensated, displaces the set-point. The lag counts as uncertainty,
-    because the hand is not where the policy expects it: σ'² = σ² + (g u)² sets the
-    stiffness. A held hand becomes soft; a released hand becomes stiff again, at the
-    rate that the governor allows.
+    rest, r - compensated, displaces the set-point. The lag counts as uncertainty: σ'² =
+    σ² + (g u)² sets the stiffness. A held hand becomes soft; a released hand becomes
+    stiff again, at the rate that the governor allows.
 
     r̂ is `limit` at first. Then it follows, over `stretch` metres of path, the force
     that was needed to move the hand: the maximum in each step of `step` metres, because
-    a leaf with stick-slip friction resists less while it moves than when it starts. A
-    person who holds the hand stops it, so this force does not count as the door's
-    weight.
+    of stick-slip friction. A person who holds the hand stops it, which does not count.
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`
     of the largest demonstrated force: a closer resists no matter how far the hand lags.
-    While the door is unknown, the interval at the end of the path ahead may also be
-    used, because the phase at which a closer begins to resist is uncertain.
+    While the door is unknown, the interval at the end of the path ahead counts as well.
 
     The clock slows down with the lag of the hand and waits at `lag`. As the door
     becomes known (from 0 to 1 over the same distance as r̂), the lag that the force
@@ -242,17 +216,15 @@ class LearnedLoad(Load):
     """Resistance expected before the hand has moved, and greatest expected resistance
     [N]. A friction grasp of 16 N per finger slips at 37 N."""
     hook_grasp_gain: float = quantity(58.0 / 25.0, above=0.0)
-    """h: load capacity of a hook grasp relative to a friction grasp; factor for `limit`
-    and `reach` when the fingers are behind a handle. There the arm's joints yield
-    first, at 58 N along the path (assets/README.md, "What the arm can carry")."""
+    """h: load capacity of a hook grasp relative to a friction grasp: the arm's joints
+    yield first, at 58 N along the path (assets/README.md, "What the arm can carry")."""
     shown_limit: float = quantity(33.0, above=0.0, unit="N")
-    """Greatest resistance that is compensated because it was demonstrated [N]: nine
-    tenths of the force at which a friction grasp slips."""
+    """Greatest resistance that is compensated because it was demonstrated [N]."""
     interval: float = quantity(2.0, low=0.0)
     """Upper end of the interval of the expected force, in standard deviations."""
     shown_share: float = quantity(1.5, low=0.0)
-    """Greatest such resistance relative to the largest demonstrated force: at a locked
-    door, the hand's own pull would raise the expected force further and further."""
+    """Greatest such resistance relative to the largest demonstrated force: a locked
+    door would raise the expected force further and further."""
     least: float = quantity(1.0, above=0.0, unit="N")
     """Least expected resistance of a door [N]: variations of hinge and sensor."""
     stretch: float = quantity(0.03, above=0.0, unit="m")
@@ -262,8 +234,7 @@ class LearnedLoad(Load):
     lag: float = quantity(0.03, above=0.0, unit="m")
     """Lag at which the clock waits [m]."""
     step: float = quantity(5e-3, above=0.0, unit="m")
-    """Distance along the path after which the hand counts as moved [m]. Tuned: above
-    the noise of a pose sensor and the play of a grip."""
+    """Distance along the path after which the hand counts as moved [m]. Tuned."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -364,8 +335,7 @@ class CarriedLoad(Load, Quantities):
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)
-    """Greatest resistance that is compensated [N]. A friction grasp of 16 N per finger
-    slips at 37 N."""
+    """Greatest compensated resistance [N]; a friction grasp slips at 37 N."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the response to the contact, see `compensate`."""

@@ -1,9 +1,8 @@
 """Where compliance is realised: in the set-point (virtual dynamics) or in the arm.
 
 Virtual dynamics move the set-point of a stiff arm by the measured force, Eq. (22) of
-Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979. A commanded stiffness makes the arm itself compliant, without force
-measurement.
+Arduengo et al., arXiv:2002.09979. A commanded stiffness makes the arm itself compliant,
+without force measurement.
 """
 
 import math
@@ -16,8 +15,7 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
-from gplfd_policies.control.contact import HELD_HAND
-from gplfd_policies.control.stiffness import VirtualDynamics, product
+from gplfd_policies.control.stiffness import HELD_HAND, VirtualDynamics, product
 
 
 class Admittance:
@@ -87,22 +85,17 @@ class Admittance:
 
 
 ARM_DYNAMICS: Final = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3), damping_ratio=1.0)
-"""Apparent dynamics of the arm of `gplfd_env` at the hand, when it renders a
-stiffness."""
+"""Apparent dynamics of the arm of `gplfd_env` at the hand that renders a stiffness."""
 
 _SMOOTHING: Final = 0.2
 """Time constant of the velocity for the lead [s]. Near the limit of the load the pace
-falls by 0.16 per newton. At 0.2 m/s the force of the lead then falls by 2.7 N per
-newton: without smoothing it would alternate from period to period."""
+falls by 0.16 per newton: without smoothing the lead would alternate."""
 
 Range = tuple[tuple[float, float], tuple[float, float]]
 
 
 class VirtualRendering(Admittance):
-    """Virtual dynamics displace the set-point of the arm, which is always stiff.
-
-    For one hand, shape (), or for N hands, (N,).
-    """
+    """Virtual dynamics displace the set-point of the arm, which is always stiff."""
 
     control: ClassVar[Control] = "pose"
     stiffness_range: ClassVar[Range] = ((0.0, math.inf), (0.0, math.inf))
@@ -148,13 +141,11 @@ class ArmRendering:
 
     * A compensated force f would stretch a spring k by f/k. The set-point leads by
       f (1/k - 1/K), with the greatest stiffness K of the arm: a hand that lags by x
-      pulls its load with K x, like the stiff arm of the other rendering. For a held
-      hand, the share 1 - k/K < 1 of its force returns as compensated load, so that it
-      settles at every delay. There is no loop as in `gplfd_policies.control.contact`.
-    * The servo's damper opposes the hand's velocity, whereas the virtual damper opposes
-      only the deviation. The set-point therefore leads by d v/k at the velocity v. v is
-      smoothed, because the load sets the pace of the clock, and thus v, which in turn
-      sets the load.
+      pulls its load with K x. For a held hand, the share 1 - k/K < 1 of its force
+      returns as compensated load, so that it settles at every delay.
+    * The servo's damper opposes the hand's velocity v, whereas the virtual damper
+      opposes only the deviation. The set-point therefore leads by d v/k; v is smoothed,
+      because it sets the load, which sets the pace of the clock, and thus v.
     """
 
     control: ClassVar[Control] = "impedance"
@@ -191,10 +182,7 @@ class ArmRendering:
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
     ) -> Axes:
-        """Return desired poses that lead by the compensated force and velocity.
-
-        `ComplianceConfig` does not allow a frame with this rendering.
-        """
+        """Return desired poses that lead by the compensated force and velocity."""
         before = self._velocity[rows]
         smooth = self._velocity[rows] = before + self._share * (velocity - before)
         damping = self._dynamics.damping(stiffness)[..., :3]

@@ -16,8 +16,7 @@ from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes, Vectors
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics, product
 
-_USED_SHARE = 0.999
-"""The conditions are strict inequalities: the governor stops just short of equality."""
+_USED_SHARE = 0.999  # the conditions are strict inequalities
 
 
 def decay_rate(k_min: SixAxes, dynamics: VirtualDynamics) -> SixAxes:
@@ -29,11 +28,7 @@ def decay_rate(k_min: SixAxes, dynamics: VirtualDynamics) -> SixAxes:
 
 
 def rate_bound(
-    stiffness: Axes,
-    k_min: SixAxes,
-    dynamics: VirtualDynamics,
-    *,
-    printed: bool = False,
+    stiffness: Axes, k_min: SixAxes, dynamics: VirtualDynamics, *, printed: bool = False
 ) -> Axes:
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
@@ -76,8 +71,7 @@ class GovernedStiffness(NamedTuple):
 
     The margin is the tight pointwise bound minus the rate [N/(m s), N m/(rad s)];
     positive. If the frame turned, the bound is the rate to the highest safe stiffness,
-    divided by `_USED_SHARE` (negative after a large turn; the margin is zero if only
-    k_min is safe).
+    divided by `_USED_SHARE`.
     """
 
     stiffness: Axes

@@ -27,13 +27,7 @@ _NAN: Final[Any] = math.nan
 
 
 def measured(observation: Observation) -> tuple[Pose, Pose]:
-    """Return ``ee_pose`` [m, rad] and ``wrench`` [N, N m] of a single hand.
-
-    An agent calls it before it changes its state.
-
-    Raises:
-        ValueError: If one of them is missing, or is not six finite numbers.
-    """
+    """Return ``ee_pose`` [m, rad] and ``wrench`` [N, N m] of a single hand."""
     read = []
     for name, units in (("ee_pose", "[m, rad]"), ("wrench", "[N, N m]")):
         value: object = observation
@@ -61,9 +55,6 @@ class AgentStep:
     Read-only. The steps of N agents are one record whose arrays have a leading axis N.
     All fields except `action` are optional; quantities that an agent does not have are
     NaN.
-
-    Raises:
-        ValueError: If the shape of an array does not match the action.
     """
 
     action: Poses
@@ -81,19 +72,15 @@ class AgentStep:
     std_rate: Poses = _NAN
     """Rate of the σ that the controller used, including jumps [m/s, rad/s]."""
     stiffness: Poses = _NAN
-    """Rendered stiffness, after the governor [N/m, N m/rad]; commanded to the arm by
-    agents whose control is ``"impedance"``."""
+    """Rendered stiffness [N/m, N m/rad]; with ``"impedance"`` a command to the arm."""
     stiffness_rate: Poses = _NAN
     """Rate of the stiffness over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Poses = _NAN
-    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]; see
-    `gplfd_policies.control.stability.GovernedStiffness`."""
+    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
     contact_margin: Poses = _NAN
-    """Delay that a held hand tolerates in addition to the longest expected delay [s],
-    see `gplfd_policies.control.contact`."""
+    """Delay that a held hand tolerates beyond the longest expected one [s]."""
     compensated_load: PerRow | float = _NAN
-    """Compensated load: resistance along the path that the hand bears without yielding
-    [N]."""
+    """Resistance along the path that the hand bears without yielding [N]."""
     path_lag: PerRow | float = _NAN
     """Lag of the hand behind the set-point along the path; part of `std` [m]."""
     phase: PerRow | float = _NAN
@@ -101,13 +88,11 @@ class AgentStep:
     observed_phase: PerRow | float = _NAN
     """Phase of the hand, 0..1."""
     phase_misfit: PerRow | float = _NAN
-    """Deviation of the hand from the demonstrations near `observed_phase`: root mean
-    square of the errors of distance, direction and rotation over their standard
-    deviations. About 1 or less is as expected; from 3 on, the phase is searched along
-    the whole task."""
+    """Root mean square deviation of the hand from the demonstrations near
+    `observed_phase`, over the standard deviations: about 1 or less is as expected; from
+    3 on, the phase is searched along the whole task."""
     path_size: PerRow | float = _NAN
-    """Median size of the path relative to the demonstrations' geometric mean, estimated
-    from the path so far."""
+    """Median size of the path so far relative to the demonstrations' geometric mean."""
     path_size_std: PerRow | float = _NAN
     """Standard deviation of the logarithm of `path_size`."""
     heading: PerRow | float = _NAN
@@ -172,10 +157,7 @@ class AgentStep:
         return cls(**{name: np.stack(values) for name, values in fields.items()})
 
     def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
-        """Return the steps of a whole batch in which only these rows acted.
-
-        The other rows keep their last action; their other fields are NaN.
-        """
+        """Return the steps of a batch in which only these rows act and others stay."""
         if isinstance(rows, tuple):
             return self
         everyone = AgentStep(action=last_actions)

@@ -1,6 +1,7 @@
 """Stiffness as a function of uncertainty, and the virtual dynamics that render it.
 
-The hand is stiff where the policy is certain and compliant where it is not.
+The hand is stiff where the policy is certain and compliant where it is not. The damping
+keeps a rigidly held hand stable, whose servo closes a loop around the dynamics.
 """
 
 from collections.abc import Sequence
@@ -10,23 +11,88 @@ from typing import Final
 import numpy as np
 import scipy
 
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import own_arrays, read_only, short_repr
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Frames, Outputs, SixAxes, Vectors
-from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.movements.movement import LearnedMovement, Movement
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ContactLoop:
+    """Admittance, delay, servo and a rigidly held hand, axis by axis.
+
+    With M = m/h², D = d/h, the successive displacements e⁻, e, e' and e_q, the one
+    q = τ/h periods before e, M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q.
+    docs/method.md derives the consequences.
+    """
+
+    stiffness: SixAxes
+    """k_s: force per displacement of the command [N/m, N m/rad]."""
+    delay: float
+    """τ: longest time from a command to the measured force, beyond the period [s]."""
+    period: float = CONTROL_PERIOD
+    """h: time between two commands [s]."""
+
+    @property
+    def sufficient_damping(self) -> SixAxes:
+        """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
+
+        Holds for whole periods τ > 0; no smaller damping is enough for every mass.
+        """
+        return np.asarray(self.stiffness * self.delay)
+
+    def tolerated_delay(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
+        """Return the delay up to which the loop is stable [s].
+
+        If k < k_s, it is unstable at every longer delay. The gain of the loop is one at
+        the frequency θ/h where p = sin²(θ/2) solves
+
+            (k - A p)² + B² p (1 - p) = k_s²,    A = 4M + 2D + 2k,  B = 2(D + k),
+
+        and its phase reaches -180° there with a delay of
+        h/θ arctan2(B √(p(1 - p)), A p - k). The result is infinite if the gain is below
+        one at every frequency, and zero if it is above one.
+        """
+        inertia = mass / (self.period * self.period)
+        resistance = damping / self.period + stiffness
+        total = inertia + resistance
+        real, imaginary = 2.0 * (total + inertia), 2.0 * resistance
+        square = 32.0 * inertia * total  # twice A² - B²
+        linear = imaginary * imaginary - 2.0 * stiffness * real
+        excess = (self.stiffness - stiffness) * (self.stiffness + stiffness)
+        discriminant = linear * linear + 2.0 * square * excess
+        root = np.sqrt(np.maximum(discriminant, 0.0)) - linear
+        crosses = (discriminant >= 0.0) & (root > 0.0)
+        share = np.where(crosses, np.minimum(root / square, 1.0), 0.5)
+        height = imaginary * np.sqrt(share * (1.0 - share))
+        lead = np.arctan2(height, real * share - stiffness)
+        delay = self.period * lead / (2.0 * np.arcsin(np.sqrt(share)))
+        return np.where(crosses, delay, np.inf)
+
+    def margin(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
+        """Return the tolerated delay minus `delay` [s]; negative if unstable."""
+        return self.tolerated_delay(stiffness, damping, mass) - self.delay
+
+
+SERVO_LAG: Final = 0.005
+"""Delay of servo, contact and wrist sensor [s]: at most 4.6 ms were measured."""
+
+HELD_HAND: Final = ContactLoop(
+    stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG
+)
+"""The servo of `gplfd_env.robot.model` with the longest delay of ``"hard"``."""
 
 
 def path_frame(tangent: Vectors) -> Frames:
     """Return frames whose first columns are unit tangents (..., 3), or their opposites.
 
-    Its columns are the directions along the path, up and across it, in which stiffness
-    is defined. It is the least rotation of the task's axes from x to t or to -t,
-    whichever is nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the same
-    frame as a pull. For a tangent in the horizontal plane, up is y. Where t is across
-    x, the columns for such a tangent only change their sign.
+    They are the directions along the path, up and across it, in which stiffness is
+    defined, by the least rotation of the task's axes from x to t or to -t, whichever is
+    nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the same frame as a
+    pull. For a tangent in the horizontal plane, up is y.
     """
     tangent = np.where(tangent[..., :1] < 0.0, -tangent, tangent)
     x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
@@ -87,9 +153,8 @@ class StiffnessProfile:
             )
         if np.any(self.alpha <= 0) or np.any(self.beta < 0):
             raise ValueError(
-                "alpha must be positive and beta not negative, got "
-                f"alpha={self.alpha}, beta={self.beta}; for a constant stiffness set "
-                "k_min = k_max"
+                f"alpha must be positive and beta not negative, got {self.alpha} and "
+                f"{self.beta}; for a constant stiffness set k_min = k_max"
             )
         parts = (self.k_max, self.k_min, 1.0 / self.alpha, self.beta)
         laws = np.stack(np.broadcast_arrays(*parts), axis=-1)
@@ -110,11 +175,9 @@ class StiffnessProfile:
     ) -> Axes:
         """Return k_p(σ) of these rows, Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
-        NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
-        With a frame, σ[:3] and k[:3] are along its directions. There k_max, k_min, β
-        and 1/α are means over the axes with the weights T_id², which add up to one.
-        Along an axis they equal its values, and αβ is kept if it is the same on all
-        axes.
+        NaN is the σ of a policy without uncertainty. With a frame, σ[:3] and k[:3] are
+        along its directions. There k_max, k_min, β and 1/α are means over the axes with
+        the weights T_id², which add up to one.
         """
         # One profile may be used for all rows.
         profile_rows = rows if self.alpha.ndim > 1 else ALL_ROWS
@@ -154,8 +217,7 @@ class StiffnessProfile:
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(
-                "the printed Eq. (25) divides by k_max - k_min, which is zero here; "
-                "use rate"
+                "the printed Eq. (25) divides by k_max - k_min, which is 0"
             )
         stiffness = self.stiffness(std)
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
@@ -181,12 +243,10 @@ class VirtualDynamics:
     def __post_init__(self) -> None:
         check_quantities(self)
         _check_axes(self, mass=(6,), least_damping=(6,))
-        if np.any(self.mass <= 0):
-            raise ValueError(f"mass must be positive on every axis, got {self.mass}")
-        if np.any(self.least_damping < 0):
+        if np.any(self.mass <= 0) or np.any(self.least_damping < 0):
             raise ValueError(
-                "least_damping must not be negative on any axis, got "
-                f"{self.least_damping}"
+                "mass must be positive and least_damping not negative on every axis, "
+                f"got {self.mass} and {self.least_damping}"
             )
 
     def damping(self, stiffness: Axes) -> Axes:
@@ -209,8 +269,7 @@ def _check_axes(record: object, **shapes: tuple[int, ...]) -> None:
 
 
 _STEEPNESS = 6.0
-"""αβ of the published values, with which the stiffness at σ = 0 is within 0.25 % of its
-range from k_max."""
+"""αβ of the published values: at σ = 0 the stiffness is within 0.25 % of k_max."""
 
 
 def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
@@ -241,11 +300,8 @@ DEFAULT_PROFILE = StiffnessProfile(
     alpha=np.repeat([600.0, 120.0], 3),
     beta=np.repeat([0.01, 0.05], 3),
 )
-"""The published values in translation. In rotation the transition is at 0.05 rad, which
-is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have the same shape
-over σ/β and are within 0.25 % of their range from k_max at σ = 0. The rotational
-stiffness in N m/rad is a tenth of the number in N/m: an error of 1 cm causes 5 N, an
-error of 0.05 rad causes 2.5 N m."""
+"""The published values in translation. In rotation the transition is at 0.05 rad, 1 cm
+at a lever of 0.2 m, with the same αβ; an error of 0.05 rad causes 2.5 N m."""
 
 DEFAULT_DYNAMICS = VirtualDynamics(
     mass=np.repeat([1.0, 0.1], 3),
@@ -253,13 +309,11 @@ DEFAULT_DYNAMICS = VirtualDynamics(
     least_damping=HELD_HAND.sufficient_damping,
 )
 """1 kg in translation, 0.1 kg m² in rotation. The damping, 70 N s/m and 3.5 N m s/rad,
-is what a held hand needs with the longest delay of ``"hard"``, at any mass and
-stiffness; it is more than critical at every stiffness of `DEFAULT_PROFILE`."""
+is what a held hand needs with the longest delay of ``"hard"``, at any stiffness."""
 
 
 _PHASES: Final = np.linspace(0.0, 1.0, 101)
-_FORCES: Final = (0.5, 5.0)
-"""Forces between which `stiffness_from_force` falls [N]."""
+_FORCES: Final = (0.5, 5.0)  # forces between which `stiffness_from_force` falls [N]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -267,8 +321,7 @@ class PhaseStiffness:
     """Stiffness at M equally spaced phases from 0 to 1, and its share; read-only."""
 
     stiffness: Outputs
-    """k_d along the three directions of the frame and about the axes of the task frame
-    [N/m, N m/rad]."""
+    """k_d along the frame's directions and about the task's axes [N/m, N m/rad]."""
     share: Outputs
     """w, from 0 (only `StiffnessProfile`) to 1 (only k_d)."""
     direction: Float[np.ndarray, "M 3"]
@@ -300,9 +353,6 @@ def stiffness_from_force(
     The rule of Hou et al., *Adaptive Compliance Policy*, 2024, arXiv:2410.09309: it
     falls linearly from k_max at 0.5 N to k_min at 5 N, as in the published code; across
     the force and in rotation it is k_max.
-
-    Raises:
-        ValueError: No demonstration has wrenches.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None:

@@ -1,4 +1,4 @@
-"""Aligned demonstrations, the input of learning, and their continuation.
+"""Aligned demonstrations, the input of learning: their continuation and their modes.
 
 A demonstration that ends too early is continued by the screw motion of its last part,
 such as the rotation about a hinge or the straight pull of a drawer. The error of this
@@ -10,20 +10,19 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
+from scipy.cluster.hierarchy import fcluster, linkage
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_steps
 from gplfd_env.spatial.turns import REGULAR
-from gplfd_policies.arrays.records import own_arrays, short_repr
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated, own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 
 _TAIL: Final = 0.25
 """Share of the path, before its end, that defines the continued screw motion."""
 _TURN: Final = 0.5 * np.pi
 """Largest rotation of that part [rad]; on a path that turns faster it is shorter."""
-_RAMP: Final = 0.15
-"""Phase within which a motion at rest regains its mean speed."""
+_RAMP: Final = 0.15  # phase within which a motion at rest regains its mean speed
 _CUTS: Final = (0.6, 0.7, 0.8)
 """Shares of the path at which it is cut to measure the error of its continuation."""
 _AHEAD: Final = np.array([0.5, 0.75, 1.0])
@@ -88,10 +87,7 @@ class AlignedDemonstrations:
 
     @property
     def forces(self) -> "AlignedDemonstrations | None":
-        """The wrenches in place of the poses, to learn a movement of forces.
-
-        Only of demonstrations with wrenches; None if there are none.
-        """
+        """The wrenches as poses, of demonstrations that have them; None for none."""
         if self.wrenches is None:
             return None
         felt = np.isfinite(self.wrenches[:, 0, 0])
@@ -192,10 +188,7 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
 
 
 def drift(aligned: AlignedDemonstrations) -> Pose:
-    """Return the error of a continuation per added length of path [m, rad].
-
-    It is the root mean square of error/h over demonstrations, cuts and distances h.
-    """
+    """Return the root mean square error of continuations per added length [m, rad]."""
     errors = []
     for poses in aligned.poses:
         way = _way(poses)
@@ -247,3 +240,50 @@ def _rigid(pose: Pose) -> Any:
     transform = scipy.spatial.transform
     rotation = transform.Rotation.from_rotvec(pose[3:])
     return transform.RigidTransform.from_components(pose[:3], rotation)
+
+
+WITHIN: Final = 0.4
+"""s: expected distance of a shape from the mean of its mode; two are over 2 apart."""
+
+_LEAST: Final = (0.01, 0.1)
+"""Least motion with a defined shape, root mean square: position [m], rotation [rad]."""
+_ARM: Final = 1.0
+"""Distance [m] at which a rotation with a shape moves a point as far as the hand."""
+
+
+def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
+    """Partition demonstrations into modes.
+
+    The shape of a demonstration is its path over the phases, with positions divided by
+    their root mean square from the start, and rotations by theirs: doors of different
+    radius have the same shape. A rotation that is small relative to the motion of the
+    hand is divided by that motion, over a metre. Of the partitions by Ward's method
+    into m modes of K demonstrations, with W_m the sum of squared distances of shapes
+    from the mean shape of their mode, the one with the least W_m / s² + m log K is
+    selected. This is the Bayesian information criterion of m Gaussians with the
+    standard deviation s, per number in a shape.
+
+    Returns:
+        Indices of the demonstrations of each mode. The largest mode is first; modes of
+        equal size are in the order of their first demonstration.
+    """
+    poses = aligned.demonstrated.poses
+    count = len(poses)
+    if count == 1:
+        return ((0,),)
+    moved, turned = (
+        np.sqrt((part**2).sum(axis=2).mean(axis=1))
+        for part in (poses[..., :3], poses[..., 3:])
+    )
+    turned = np.maximum(np.maximum(turned, _LEAST[1]), moved / _ARM)
+    sizes = np.stack([np.maximum(moved, _LEAST[0]), turned], axis=1)
+    scaled = poses / np.repeat(sizes, 3, axis=1)[:, None, :]
+    shapes: Float[np.ndarray, "K S"] = scaled.reshape(count, -1)
+    tree = linkage(shapes / np.sqrt(poses.shape[1]), method="ward")
+    # A merger at the height h adds h²/2 to W; without any, W is zero.
+    within = np.cumsum([0.0, *(0.5 * tree[:, 2] ** 2)])[::-1]
+    modes = np.arange(1, count + 1)
+    best = int(modes[np.argmin(within / WITHIN**2 + modes * np.log(count))])
+    labels = fcluster(tree, best, criterion="maxclust")
+    members = [tuple(np.flatnonzero(labels == label).tolist()) for label in set(labels)]
+    return tuple(sorted(members, key=lambda numbers: (-len(numbers), numbers)))

@@ -16,7 +16,7 @@ import scipy
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, pose_distance, pose_steps
 from gplfd_env.spatial.turns import accumulated_rotvecs
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.shapes import Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, Rest
 from gplfd_policies.demonstrations.demonstration import (
@@ -28,8 +28,7 @@ from gplfd_policies.demonstrations.demonstration import (
 _NOISY_LENGTH_RATIO: Final = 1.1
 """Length of a path over its denoised length above which a warning is issued."""
 _BANDWIDTH: Final = 0.015
-"""Standard deviation of the filter, as a share of the demonstration: shorter than
-intended motions of a hand and longer than noise of sensors."""
+"""σ of the filter, as a share of the demonstration: shorter than intended motions."""
 _REACH: Final = 4.0
 """Half-width at which the filter's weights are cut off, in standard deviations."""
 _TIME_SHARE: Final = 1e-6
@@ -39,19 +38,13 @@ LARGEST_TABLE: Final = 10**8
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 _HALF_CHORD: Final = 0.02
 """Half of the chords that define the speed, as a share of the demonstration."""
-_FAST: Final = 95.0
-"""Percentile of the speed that counts as the motion's fast speed."""
-_SLOW: Final = 0.05
-"""A hand slower than this share of the fast speed may be at rest."""
+_FAST: Final = 95.0  # percentile of the speed that counts as the motion's fast speed
+_SLOW: Final = 0.05  # A hand slower than this share of the fast speed may be at rest
 _UNMOVED: Final = 0.01
-"""Largest share of the path's length covered during a rest: a slow hand that covers
-more is unlatching a door or searching for contact."""
-_LONGEST: Final = 0.10
-"""Least duration of a rest, as a share of the moving time."""
-_WORTH_SAYING: Final = 0.02
-"""Fraction of trimmed time above which a warning is issued."""
-_KEPT: Final = 0.05
-"""Share of the moving time to which a rest is shortened."""
+"""Largest share of the path's length covered during a rest, not a slow search."""
+_LONGEST: Final = 0.10  # least duration of a rest, as a share of the moving time
+_WORTH_SAYING: Final = 0.02  # fraction of trimmed time above which a warning is issued
+_KEPT: Final = 0.05  # share of the moving time to which a rest is shortened
 _TILTED: Final = np.radians(10.0)
 """Largest tilt of a motion that turns by more than 300° [rad]."""
 _WORTH_LEARNING: Final = np.radians(1.0)

@@ -36,11 +36,7 @@ FILE: Final = "demonstrations.npz"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LabelledDemonstrations:
-    """Demonstrations and their doors.
-
-    Raises:
-        ValueError: There are no demonstrations, or other fields do not match them.
-    """
+    """Demonstrations and their doors."""
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
@@ -86,10 +82,6 @@ def save_demonstrations(
 
     The arguments are the fields of `LabelledDemonstrations`; radii are None if all are
     unknown. Wrenches are written for demonstrations that have them.
-
-    Raises:
-        ValueError: As for `LabelledDemonstrations`.
-        OSError: The file cannot be written.
     """
     labelled = LabelledDemonstrations(
         demonstrations=tuple(demonstrations),

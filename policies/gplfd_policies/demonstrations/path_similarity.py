@@ -22,15 +22,11 @@ _STEPS: Final = np.linspace(-2.5, 2.5, 31)
 """Grid of sizes, in prior standard deviations of the logarithm of size."""
 _SMOOTHING: Final = 20
 """Samples on each side over which the demonstrations' variance is averaged."""
-_SIZES: Final = 19
-"""Number of likely sizes."""
+_SIZES: Final = 19  # number of likely sizes
 _OVERLAP: Final = 0.6
-"""Standard deviation of the sizes that one likely size represents, in distances to the
-next."""
-_REACH: Final = 3.0
-"""Range of likely sizes on each side, in standard deviations."""
-_NEAR, _NEAREST = 1e-3, 1e-6
-"""Least distances from the start used as divisors [m]."""
+"""σ of the sizes that one likely size represents, in distances to the next."""
+_REACH: Final = 3.0  # range of likely sizes on each side, in standard deviations
+_NEAR, _NEAREST = 1e-3, 1e-6  # least distances from the start used as divisors [m]
 _STILL: Final = 1e-3
 """Root mean square displacement below which a motion has no size [m]."""
 
@@ -242,10 +238,7 @@ class PathSimilarity:
 
     @property
     def scale(self) -> Sizes:
-        """(ν + δ²)/(ν + n): factor on the covariances from the innovations so far.
-
-        It is not less than the share of the demonstrations' mean in the deviations.
-        """
+        """(ν + δ²)/(ν + n), at least the mean's share: factor on the covariances."""
         free = self.model.config.scale_weight
         scale = (free + self.squared_innovations) / (free + self.count)
         return np.maximum(scale, self.model.least_scale)

@@ -23,15 +23,12 @@ Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""
 
 _FIRST_TURNS: Final = (0.4, 0.25)
-"""Least turns of the hand before the door moves [rad]: first tried for levers and
-knobs, which turn further to unlatch, then for paddles, touch bars and thumb pieces."""
-_LATER_TURN: Final = 0.2
-"""Least angle of a later turn with a well-defined axis [rad]."""
+"""Least turns of the hand before the door moves [rad]: of levers, then of paddles."""
+_LATER_TURN: Final = 0.2  # least angle of a later turn with a well-defined axis [rad]
 _ANOTHER: Final = math.radians(45.0)
 """Two axes differ if the angle between them exceeds this [rad]."""
 _STILL: Final = 0.015
-"""Largest root-mean-square motion of the resting point [m]: a sensor beside the handle
-is a centimetre from the grasped point."""
+"""Largest root-mean-square motion of the resting point [m]."""
 _LEAST_ARM: Final = 0.03
 """Lever arm [m] below which the handle counts as a knob, turned by a moment only."""
 _MOVED: Final = 0.01

@@ -31,7 +31,7 @@ from functools import partial
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.resolution import thinned
+from gplfd_policies.arrays.records import thinned
 from gplfd_policies.arrays.shapes import Curve, Curves, Float, Gram, Outputs, Times
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
@@ -50,16 +50,13 @@ _SHORT = (0.1, 0.5)
 correlations, like white noise, were allowed (docs/method.md)."""
 _SHARPNESS = 2.0
 """p, sharpness of the transition of the wobble from the spread's size to its own."""
-_WOBBLE = (1e-6, 1e1)
-"""Range of c, relative to the average of r."""
+_WOBBLE = (1e-6, 1e1)  # range of c, relative to the average of r
 MODEL_WORTH = Fraction(35, 3)
 """Weight of the model's covariance, in independent deviations (docs/method.md)."""
-_RELATIVE_JITTER = 1e-6
-"""White variance relative to r that keeps C positive definite."""
+_RELATIVE_JITTER = 1e-6  # white variance relative to r that keeps C positive definite
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
 """Factors on c to choose from; beyond them all or nothing of r is wobble."""
-_FORECAST_GRID = 30
-"""Samples of a demonstration used to score forecasts."""
+_FORECAST_GRID = 30  # samples of a demonstration used to score forecasts
 _STARTS = (0.2, 0.35, 0.5)
 """Observed shares of the demonstration when the rest is forecast."""
 
@@ -117,10 +114,7 @@ class DeviationProcess:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationLikelihood:
-    """The log-likelihood of θ from the scatter Σ_k e_k e_kᵀ.
-
-    Times and noise r(t) are those of some samples; D − 1 degrees of freedom are free.
-    """
+    """The log-likelihood of θ from Σ_k e_k e_kᵀ of D − 1 degrees of freedom."""
 
     times: Times
     noise: Curve
@@ -216,10 +210,7 @@ def wobbling(
     deviations: Float[np.ndarray, "D M 6"],
     noise: Outputs,
 ) -> tuple[DeviationProcess, ...]:
-    """Return the processes with the wobble that best forecasts left-out demonstrations.
-
-    Two demonstrations have only one deviation, so none can be left out.
-    """
+    """Return processes with the wobble that best forecasts left-out demonstrations."""
     if len(deviations) < 3:
         return tuple(processes)
     thin = thinned(len(times), _FORECAST_GRID)

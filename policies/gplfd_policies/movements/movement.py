@@ -17,8 +17,13 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import own_arrays, owned, short_repr
-from gplfd_policies.arrays.resolution import FINEST, interpolated
+from gplfd_policies.arrays.records import (
+    FINEST,
+    interpolated,
+    own_arrays,
+    owned,
+    short_repr,
+)
 from gplfd_policies.arrays.shapes import Bool, Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -128,10 +133,7 @@ class GaussianTrajectory:
         return self.covariance[:, rows][:, :, rows]
 
     def interval(self, level: float = 0.95) -> tuple[Outputs, Outputs]:
-        """Return the bounds of the central intervals that hold ``level``, in (0, 1).
-
-        Student-t quantiles are used where `degrees_of_freedom` is given.
-        """
+        """Return the bounds of the central intervals that hold ``level``, in (0, 1)."""
         width = self._quantile(level) * self.std
         return self.mean - width, self.mean + width
 
@@ -233,8 +235,7 @@ class ViaPoint:
     phase: float
     """Phase; the task runs from 0 to 1."""
     pose: Pose
-    """Pose (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]; NaN for
-    unconstrained outputs."""
+    """Pose [m, rad] in the task frame; NaN for unconstrained outputs."""
     std: float | Pose = 1e-3
     """Standard deviation of the via-point [m, rad], one number or one per output: a
     small one is strong. Infinity for unconstrained outputs."""
@@ -277,9 +278,7 @@ class ViaPoint:
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)
 
 
-def stacked(
-    via_points: Sequence[ViaPoint],
-) -> tuple[Times, Outputs, Outputs, Outputs]:
+def stacked(via_points: Sequence[ViaPoint]) -> tuple[Times, Outputs, Outputs, Outputs]:
     """Return phases (V,), poses, own variances and shared errors (V, 6)."""
     phases = np.array([float(point.phase) for point in via_points])
     poses, variances, along = (

@@ -17,23 +17,20 @@ import numpy as np
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.arrays.storage import Members, read_archive, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import Correction, Demonstration
 from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
-from gplfd_policies.gp.evidence import Replicates
+from gplfd_policies.gp.exact import Replicates
 from gplfd_policies.gp.heteroscedastic import (
     HeteroscedasticGP,
-    MultiOutputGP,
-    OutputMoments,
-)
-from gplfd_policies.gp.kernels import RBF
-from gplfd_policies.gp.noise import (
     HomoscedasticNoise,
     KerstingNoise,
     MapNoise,
+    MultiOutputGP,
     NoiseModel,
     NoiseProfile,
+    OutputMoments,
 )
+from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.movement import (
     GaussianTrajectory,
     LearnedMovement,
@@ -47,11 +44,9 @@ NOISE_MODELS: dict[str, NoiseModel] = {
 }
 """Noise models by name: "map" is the default, "kersting" the paper's."""
 
-_FEW: Final = 3
-"""Up to this many demonstrations, `fit_skill` warns."""
+_FEW: Final = 3  # up to this many demonstrations, `fit_skill` warns
 _WINDOW: Final = 0.1
-"""Share of the task over which the spread counts as constant: the shortest length-scale
-that the noise models allow."""
+"""Share of the task over which the spread counts as constant."""
 
 SIZE_STD: Final = 0.25
 """γ: standard deviation of the size of the next repetition relative to a single
@@ -61,11 +56,9 @@ FRAMES: Final = ("door", "first pose", "given")
 """Frames that a skill may have."""
 _KIND, _VERSION = "a gplfd skill", 4
 """Content of the file of a skill, and version of its layout."""
-_FORCES: Final = "forces_"
-"""Prefix of the names of arrays learned from forces."""
+_FORCES: Final = "forces_"  # prefix of the names of arrays learned from forces
 _ALIGNED: Final = ("times", "poses", "duration", "end", "drift")
-_NO_CLOCKS: Final = np.zeros((0, 0))
-"""Stored instead of unknown clocks."""
+_NO_CLOCKS: Final = np.zeros((0, 0))  # stored instead of unknown clocks
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
 _PARAMETERS: Final = {
     "offset": attrgetter("offset"),
@@ -87,8 +80,7 @@ class Skill(LearnedMovement):
     corrections: tuple[Correction, ...] = ()
     """Corrections in order; completed, they are the last demonstrations."""
     frame: str = "door"
-    """Frame of the poses: that of a "door", the "first pose", or one that was "given".
-    """
+    """Frame of the poses, one of `FRAMES`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -128,11 +120,7 @@ class Skill(LearnedMovement):
 
     @cached_property
     def deviations(self) -> tuple[DeviationProcess, ...]:
-        """Model of the deviations from the mean, per output; computed on first use.
-
-        Raises:
-            ValueError: for a single demonstration.
-        """
+        """Model of the deviations from the mean, per output; computed on first use."""
         if self.count < 2:
             raise ValueError(
                 "How repetitions deviate needs at least 2 demonstrations, got 1. Give "
@@ -156,9 +144,6 @@ class Skill(LearnedMovement):
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``). Outside
         the demonstrated range the mean returns to the prior mean, see `fit_skill`, and
         the uncertainty grows.
-
-        Raises:
-            ValueError: if there are no phases, or one is not finite.
         """
         times = checked_times(times)
         moments = self.processes.moments(times)
@@ -211,7 +196,7 @@ class Skill(LearnedMovement):
 
         Raises:
             ValueError: if a user's own noise model does not build on
-                `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
+                `gplfd_policies.gp.heteroscedastic.NoiseProfile.basis_over`.
         """
         arrays = self._arrays("") | {"frame": np.array(self.frame)}
         if isinstance(self.forces, Skill):

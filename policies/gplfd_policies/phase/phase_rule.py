@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -41,8 +41,7 @@ _SPACING: Final = float(_GRID[1])
 _FAR: Final = 1e100
 """Standard deviation of the direction outside the grid; the cost there is greater."""
 
-_FEATURES: Final = 6
-"""Number of features of a pose."""
+_FEATURES: Final = 6  # number of features of a pose
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
 slip of the grasp; rotation [rad], turning of the hand on the bar, which under load
@@ -126,8 +125,7 @@ class PathPhaseConfig:
     similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
     """Estimation of size and heading error."""
     distance_share: float = quantity(0.03, low=0.0)
-    """Additional standard deviation of the distance from the start, as a share of the
-    distance. Tuned: κ."""
+    """κ: further σ of the distance from the start, as a share of it. Tuned."""
     window: tuple[float, float] = (0.02, 0.05)
     """Greatest change of the phase per observation: backward, forward."""
     least_std: float = quantity(0.003, above=0.0)

@@ -1,10 +1,9 @@
 """The policies of this project by name, their settings, and spaces for tuning them.
 
-No method should win only by its settings. Each method has a space of the settings that
-its authors would tune, with plausible limits, which ``benchmarks/tune.py`` searches.
-The best settings found are stored in ``tuned.json`` and registered as
-``<name>-tuned``. The controller is the same for all and not included, but for the
-resolution of its stiffness law, which is chosen after the settings.
+Each method has a space of the settings that its authors would tune, with plausible
+limits, which ``benchmarks/tune.py`` searches. The best settings found are stored in
+``tuned.json`` and registered as ``<name>-tuned``. The controller is the same for all
+and not included, but for the resolution of its stiffness law.
 """
 
 import json
@@ -45,7 +44,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
-from gplfd_policies.gp.noise import KerstingNoise, MapNoise
+from gplfd_policies.gp.heteroscedastic import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
@@ -77,10 +76,7 @@ def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstr
     """Align demonstrations without their rotations."""
     still = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     return align(
-        [
-            replace(demonstration, poses=demonstration.poses * still)
-            for demonstration in demonstrations
-        ]
+        [replace(motion, poses=motion.poses * still) for motion in demonstrations]
     )
 
 
@@ -102,10 +98,8 @@ PAPER: Final = Method(
     # DTW on the raw completion index of the whole recording.
     align=partial(align, method="dtw", denoise=False, trim_rests=False),
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
-    # The same stiffness function for all axes, the whole wrench in Eq. (22), no limit
-    # of the lead. Where the paper gives no details, ours are used: the phase of an
-    # observation and its via-point noise (with the clock time, no door opens), and
-    # the governor instead of hand tuning.
+    # Where the paper gives no details, ours are used: the phase of an observation and
+    # its via-point noise (with the clock time, no door opens), and the governor.
     profile=PAPER_PROFILE,
     config=ComplianceConfig(
         load=YieldToAll(),
@@ -121,9 +115,7 @@ UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
 
 DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
 """λ as published, and λ_c = N, with which the prior variance is that of the
-demonstrations. The published λ_c of 60 is for letters in centimetres. Converted to
-standardised outputs, both published values give too narrow intervals here and pull the
-mean 5 cm inwards."""
+demonstrations; the published values are for letters in centimetres."""
 
 ONE_SIZE: Final = PathPhaseConfig(
     similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
@@ -353,8 +345,8 @@ class Setting(NamedTuple):
 class Space:
     """The settings of a method by name, which are arguments of ``config``.
 
-    One setting does not belong to the fit: ``via_std_factor`` multiplies the standard
-    deviation of via-points.
+    Only ``via_std_factor``, which multiplies the standard deviation of via-points, does
+    not belong to the fit.
 
     Args:
         config: Makes the configuration of the fit from the settings.
@@ -484,10 +476,7 @@ def tuned_settings() -> Mapping[str, Values]:
 
 
 def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
-    """Return a policy of `SPACES` with other settings.
-
-    ``resolution`` is that of its stiffness law [m].
-    """
+    """Return a policy of `SPACES` with other settings; the resolution is in metres."""
     space, method = SPACES[name], AS_PUBLISHED[name].method
     assert method is not None, "spaces are those of methods"
     settings, changes = dict(values), dict[str, Any]()

@@ -4,18 +4,16 @@ A user's policy is an attribute: a function from `gplfd_policies.TrainingInput` 
 agent, a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
 
 * ``module:attribute`` or ``path/to/file.py:attribute`` names it in a user's file. Only
-  during the import, the file's folder is first on Python's path, as if the file were
-  run as a script.
+  during the import, the file's folder is first on Python's path.
 * A package offers it by name in the entry-point group ``gplfd_policies``.
 
-The origin of a policy contains a hash of its module: of its own file and of the files
-in its folder that it imports, and so on. They are found by reading, not by importing,
-so that the hash does not depend on earlier imports of the process.
+The origin of a policy contains a hash of its module and of the files in its folder that
+it imports, and so on. They are found by reading, so that the hash does not depend on
+earlier imports of the process.
 """
 
 import ast
 import contextlib
-import dataclasses
 import difflib
 import hashlib
 import importlib
@@ -40,8 +38,7 @@ from gplfd_policies.registry.built_in import AS_PUBLISHED, SPACES, tuned, tuned_
 from gplfd_policies.registry.method import Method, Policy, PolicyOrigin, TrainingInput
 
 _OURS: Final = frozenset({"experiments", "gplfd_env", "policies"})
-"""Packages in the working folder of a checkout that do not belong to a user's
-module."""
+"""Packages in a checkout that do not belong to a user's module."""
 
 _FIRST_SEEN: Final[dict[Path, str]] = {}
 """Hashes of files when this process first read them: it imports a file only once."""
@@ -75,12 +72,12 @@ def module_policy(name: str, folder: Path) -> Policy:
         with contextlib.suppress(ValueError):  # the module may have removed it
             sys.path.remove(str(first))
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
-    return dataclasses.replace(policy, origin=origin)
+    return replace(policy, origin=origin)
 
 
-def packaged_names() -> tuple[str, ...]:
+def packaged_names() -> set[str]:
     """Return the names that installed packages offer, without importing anything."""
-    return tuple(sorted({entry.name for entry in _offers()}))
+    return {entry.name for entry in _offers()}
 
 
 def packaged_policy(name: str) -> Policy | None:
@@ -100,15 +97,11 @@ def packaged_policy(name: str) -> Policy | None:
     if entry.dist:
         source |= {"distribution": entry.dist.name, "version": entry.dist.version}
     origin = PolicyOrigin(name=name, kind="package", **source)
-    return dataclasses.replace(policy, origin=origin)
+    return replace(policy, origin=origin)
 
 
 def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
-    """Import all policies of installed packages; return summary and package by name.
-
-    If a policy cannot be used, e.g. because its name is taken, the summary is the
-    reason.
-    """
+    """Return summary and package, or the reason why not, of all packaged policies."""
     summaries = {}
     for entry in sorted(_offers(), key=operator.attrgetter("name")):
         text = "a built-in policy has this name"
@@ -184,29 +177,28 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     try:
         candidate = operator.attrgetter(attribute)(module)
     except AttributeError:
-        functions = [
+        names = [
             name
             for name, value in vars(module).items()
             if callable(value) and getattr(value, "__module__", "") == module.__name__
         ]
-        offered = ", ".join(sorted(functions)) or "no functions"
         raise ValueError(
-            f"module {where} has no {attribute!r}; it has {offered}"
+            f"module {where} has no {attribute!r}; it has "
+            f"{', '.join(sorted(names)) or 'no functions'}"
         ) from None
     if isinstance(candidate, Policy):
         return candidate
     if not callable(candidate):
         raise ValueError(
             f"{attribute} of {where} is a {type(candidate).__name__}; it must be a "
-            "function from TrainingInput to an agent, a Method or a Policy, all of "
-            "them of gplfd_policies"
+            "function from TrainingInput to an agent, a Method or a Policy"
         )
     try:
         inspect.signature(candidate).bind("training input")
     except TypeError:
         raise ValueError(
             f"{attribute}{inspect.signature(candidate)} of {where} cannot be called "
-            "with one argument, the TrainingInput that an agent is made from"
+            "with one argument, the TrainingInput"
         ) from None
     except ValueError:
         pass  # Written in C: no signature is available.
@@ -237,10 +229,7 @@ def _source(
             )
     if len(contents) == 1:
         return {"file": str(file), "sha256": next(iter(contents.values()))}
-    lines = [
-        f"{path.relative_to(folder).as_posix()} {sha256}"
-        for path, sha256 in contents.items()
-    ]
+    lines = [f"{p.relative_to(folder).as_posix()} {s}" for p, s in contents.items()]
     whole = hashlib.sha256("\n".join(lines).encode()).hexdigest()
     return {"file": str(file), "sha256": whole}
 
@@ -313,8 +302,7 @@ def make_agent(
     takes = policy.method is not None and policy.method.accepts_prior_mean
     if prior_mean is not None and name in POLICIES and not takes:
         raise ValueError(
-            f"{name} does not accept a prior mean; leave it out, or choose another "
-            "policy, such as gp"
+            f"{name} does not accept a prior mean; another, such as gp, does"
         )
     return as_agent(policy.make(training))
 
@@ -376,33 +364,25 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
 
 
 def skill_method(policy: str) -> Method:
-    """Return the method of a policy that learns and follows skills.
-
-    Raises:
-        ValueError: The policy does not learn skills.
-    """
+    """Return the method of a policy that learns and follows skills."""
     method = policy_named(policy).method
     fit = getattr(method, "fit", None)
     if method is not None and getattr(fit, "func", fit) is fit_skill:
         return method
     raise ValueError(
-        f"policy {policy!r} does not learn a skill that a file can contain; choose "
-        "gp, gp-paper or an ablation of gp"
+        f"policy {policy!r} learns no skill that a file can contain; choose gp, "
+        "gp-paper or an ablation of gp"
     )
 
 
 def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
-    """Return the method of a policy, and the skill of a file that it can follow.
-
-    Raises:
-        ValueError: The file does not contain a skill, or the policy cannot follow it.
-    """
+    """Return the method of a policy, and the skill of a file that it can follow."""
     method, skill = skill_method(policy), load_skill(file)
     if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        goes = "continues beyond the end of demonstrations"
+        continues = method.beyond > 0.0
         raise ValueError(
-            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
-            f"the skill in {file} was learned by one that does not; learn it again "
-            f"with  gplfd learn --policy {policy}"
+            f"policy {policy!r} {'goes on' if continues else 'ends'} where "
+            f"demonstrations end, and the skill in {file} does not; learn it again with"
+            f"  gplfd learn --policy {policy}"
         )
     return method, skill

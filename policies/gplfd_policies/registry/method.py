@@ -13,7 +13,7 @@ from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import YieldToAll
@@ -24,14 +24,17 @@ from gplfd_policies.control.stiffness import (
     StiffnessProfile,
     spread_profile,
 )
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, continued
+from gplfd_policies.demonstrations.aligned import (
+    AlignedDemonstrations,
+    continued,
+    partition,
+)
 from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import (
+    Correction,
     Demonstration,
     checked_demonstrations,
 )
-from gplfd_policies.demonstrations.modes import partition
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,
@@ -47,8 +50,7 @@ from gplfd_policies.phase.phase_rule import (
     PhaseRule,
 )
 
-_GRID: Final = 100
-"""Number of grid phases of an agent's movement."""
+_GRID: Final = 100  # number of grid phases of an agent's movement
 _START_TOLERANCE: Final = (0.05, 0.2)
 """Greatest distance of a demonstration's start from the closed handle [m, rad]."""
 _LARGEST_REACH: Final = 3.0
@@ -57,11 +59,7 @@ _LARGEST_REACH: Final = 3.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainingInput:
-    """Input from which a policy learns.
-
-    Raises:
-        TypeError: If the demonstrations are not a sequence of demonstrations.
-    """
+    """Input from which a policy learns."""
 
     demonstrations: Sequence[Demonstration]
     """At least one demonstration; in the task frame if the policy opens doors."""
@@ -125,8 +123,7 @@ class Method:
     align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
     """Aligns demonstrations to common phases."""
     beyond: float = 0.0
-    """Length of the continuation beyond the end of the demonstrations, as a share of
-    their path, with increasing uncertainty; 0 for none."""
+    """Length of the continuation beyond the end, as a share of the path; 0 for none."""
     adaptation: AdaptationForm | None = None
     """Form of adaptation to via-points; None for a method without adaptation."""
     door_adaptation: AdaptationForm | None = None
@@ -142,16 +139,13 @@ class Method:
     phase_stiffness: Callable[[Movement, StiffnessProfile], PhaseStiffness] | None = (
         None
     )
-    """Gives an additional stiffness from demonstrated forces, such as
-    `gplfd_policies.control.stiffness.stiffness_from_force`."""
+    """Gives a stiffness from demonstrated forces, such as `stiffness_from_force`."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
     modes: ModeConfig | None = None
-    """Criteria by which an agent abandons a mode. Modes of the demonstrations are found
-    and learned separately; None to learn all demonstrations as one mode."""
+    """Criteria for abandoning a mode; None to learn all demonstrations as one."""
     correct: Callable[["Method", Movement, Correction], Movement] | None = None
-    """Learns a movement from this method, another one and a correction, such as
-    `gplfd_policies.registry.method.add_correction`; None if it cannot."""
+    """Learns a movement from a correction, such as `add_correction`; None if not."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
@@ -170,9 +164,7 @@ class Method:
         if prior_mean is not None and not self.accepts_prior_mean:
             raise ValueError("this method does not accept a prior mean")
         if not training.demonstrations:
-            raise ValueError(
-                "no demonstrations were given; a policy needs at least one"
-            )
+            raise ValueError("no demonstrations were given; at least one is needed")
         aligned = continued(self.align(training.demonstrations), self.beyond)
         fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
         if prior_mean is None:
@@ -207,22 +199,15 @@ class Method:
         return tuple(learned)
 
     def update(self, movement: Movement, correction: Correction) -> Movement:
-        """Return a movement that has learned from a correction; the old is unchanged.
-
-        Raises:
-            ValueError: The method cannot be corrected.
-        """
+        """Return another movement, which has learned from a correction."""
         if self.correct is None:
             raise ValueError(
-                "this policy cannot be corrected: its Method has no `correct`, which "
-                "learns from a correction"
+                "this policy cannot be corrected: its Method has no `correct`"
             )
         return self.correct(self, movement, correction)
 
     def follow(self, movement: Movement) -> CompliantAgent:
-        """Return an agent that follows a movement at doors.
-
-        Several agents may follow the same movement.
+        """Return an agent that follows a movement at doors, as others may.
 
         Raises:
             ValueError: The demonstrations of the movement do not begin at the closed
@@ -261,17 +246,14 @@ class Method:
     def open_loop(self, period: float) -> "Method":
         """Return the method without measurements, whose commands a file can contain.
 
-        It has no adaptation and no load compensation, and is driven by time. The arm
-        itself renders the stiffness, along the axes of the task frame. There is one
-        command per period [s].
-
-        Raises:
-            ValueError: The method has a stiffness along the path.
+        It has no adaptation and no load compensation, and is driven by time, one
+        command per period [s]. The arm itself renders the stiffness, along the axes of
+        the task frame.
         """
         if self.phase_stiffness is not None:
             raise ValueError(
-                "this policy has a stiffness along the path, which six numbers along "
-                "fixed axes cannot express; choose another, such as gp"
+                "this policy has a stiffness along the path, which numbers along fixed "
+                "axes cannot express; choose another, such as gp"
             )
         config = replace(
             self.config,
@@ -307,10 +289,7 @@ class LearnedMode(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PolicyOrigin:
-    """Origin of a policy: plain data, for files and for other processes.
-
-    `gplfd_policies.load_policy` finds the policy again.
-    """
+    """Origin of a policy: plain data, by which `load_policy` finds it again."""
 
     name: str
     """The name under which it was requested."""
@@ -321,8 +300,7 @@ class PolicyOrigin:
     file: str = ""
     """Source file of the module."""
     sha256: str = ""
-    """Hash of the content of that file, hexadecimal; if a user's module imports others
-    from its folder, of all of them."""
+    """Hash of that file, and of those of its folder that it imports, hexadecimal."""
     distribution: str = ""
     """Name of the installed package, and its version."""
     version: str = ""
@@ -379,9 +357,8 @@ def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
             raise ValueError(
                 f"demonstration {number} starts {distance:.3g} m and {turn:.3g} rad "
                 "away from the closed handle, which is the origin of the task frame (x "
-                "pull, y up); demonstration.relative_to_first() gives the motion in "
-                "the axes of its first pose, which must then be these; `gplfd demos "
-                "import --frame hinge` finds them from the motion"
+                "pull, y up); use demonstration.relative_to_first() if its first pose "
+                "has these axes, or gplfd demos import --frame hinge"
             )
 
 
@@ -405,13 +382,11 @@ def add_correction(method: Method, movement: Movement, correction: Correction) -
 def completed(method: Method, skill: Skill, correction: Correction) -> Demonstration:
     """Return the motion of a correction, continued by the expectation of the skill.
 
-    A correction shows one door, and a permanent via-point would bend the movement at
-    all doors; therefore a whole motion at this door becomes a demonstration.
-
-    The skill observes the motion as in an episode: it is conditioned on via-points at
-    the estimated phases of the hand, with the noise of the led hand. If the motion ends
-    before the demonstrations, the conditioned mean follows, displaced so that it begins
-    at the last pose, with the last wrench.
+    A whole motion becomes a demonstration, because a permanent via-point would bend the
+    movement at all doors. The skill observes the motion as in an episode: it is
+    conditioned on via-points at the estimated phases of the hand, with the noise of the
+    led hand. If the motion ends before the demonstrations, the conditioned mean
+    follows, displaced to begin at the last pose, with the last wrench.
     """
     config = replace(method.config, via_std=correction.std)
     agent = replace(method, config=config).follow(skill)
@@ -425,8 +400,7 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
     after = (expected.times > phase) & (expected.times <= skill.aligned.end)
     last = interpolated(np.array([phase]), expected.times, expected.mean)
     later = skill.duration * (expected.times[after] - phase)
-    poses = [motion.poses, expected.mean[after] + (motion.poses[-1] - last)]
-    whole = np.vstack(poses)
+    whole = np.vstack([motion.poses, expected.mean[after] + (motion.poses[-1] - last)])
     whole[:, 3:] = unwrap_rotvecs(whole[:, 3:])
     if felt is not None:
         felt = np.vstack([felt, np.repeat(felt[-1:], len(later), axis=0)])

@@ -17,9 +17,6 @@ from typing import Any, get_args, get_origin
 
 from gplfd_policies.serving.settings import ServeSettings
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C."""
-
 
 def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
     """Return the settings from arguments; exits with status 2 if they are invalid."""
@@ -61,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"gplfd: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return 130
     return 0
 
 

@@ -1,10 +1,8 @@
-"""The client: uses a served agent as an agent in this process.
+"""The client: uses a served agent as an agent in this process, of a robot or simulator.
 
-For robots and for the simulator. Needs only NumPy, the standard library and this
-package.
+Needs only NumPy, the standard library and this package.
 """
 
-import contextlib
 import socket
 import subprocess
 import time
@@ -155,10 +153,12 @@ def _connected(address: str) -> socket.socket:
     """Return a socket connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
     kind, _, place = address.partition(":")
     if kind == "unix":
-        with contextlib.ExitStack() as stack:
-            connection = stack.enter_context(socket.socket(socket.AF_UNIX))
+        connection = socket.socket(socket.AF_UNIX)
+        try:
             connection.connect(place)
-            stack.pop_all()
+        except OSError:
+            connection.close()
+            raise
         return connection
     host, _, port = place.rpartition(":")
     if kind != "tcp" or not port.isdecimal():

@@ -1,7 +1,6 @@
 """Messages of the line protocol: one JSON object per line, checked, and their transfer.
 
-Numbers are written as the shortest decimal that is read as the same float64, so that
-values are transferred bit for bit. docs/serving.md has the tables of all messages.
+Numbers are transferred bit for bit. docs/serving.md has the tables of all messages.
 """
 
 import itertools
@@ -20,7 +19,6 @@ Message = dict[str, Any]
 
 VERSION: Final = 1
 """Version of the protocol; clients with another version are refused."""
-
 MAX_LINE: Final = 65536
 """Longest line [bytes]."""
 
@@ -34,12 +32,12 @@ UNITS: Final = {
 }
 
 MOST_TURNED: Final = 7.0
-"""Greatest component of a rotation vector, measured or commanded [rad]."""
+"""Greatest component of a rotation vector, unless the agent turns by more [rad]."""
 
 _FINITE: Final = Range(low=-1e300, high=1e300)
 _RANGES: Final = {
     "time": (1, Range(low=-1e10, high=1e10, unit="s")),
-    "ee_pose": (6, Range(low=-10, high=10, unit="m, and 7 rad")),
+    "ee_pose": (6, Range(low=-10, high=10, unit="m")),
     "wrench": (6, Range(low=-1e4, high=1e4, unit="N and N m")),
 }
 _LARGEST_COUNT: Final = 2**53
@@ -84,8 +82,8 @@ def decode(line: bytes) -> Message:
     return message
 
 
-def observed(message: Mapping[str, Any]) -> Observed:
-    """Check the fields of a ``reset`` or ``observe``; raises `ProtocolError`."""
+def observed(message: Mapping[str, Any], most_turned: float) -> Observed:
+    """Check a ``reset`` or ``observe``, turned within ± a number [rad]."""
     seq = message.get("seq")
     if type(seq) is not int or not 0 <= seq < _LARGEST_COUNT:
         raise ProtocolError("field", f"seq must be a whole number, got {seq!r:.40}")
@@ -104,12 +102,13 @@ def observed(message: Mapping[str, Any]) -> Observed:
             if name in _RANGES:
                 text = f"{name} must be {size} numbers"
             raise ProtocolError("field", f"{text}, got {value!r:.80}", seq)
-        turned = entries[3:] if name == "ee_pose" else []
-        if not all(entry in allowed for entry in entries) or any(
-            abs(entry) > MOST_TURNED for entry in turned
-        ):
-            text = f"{name:.40} {entries!r:.80} is outside {allowed}"
-            raise ProtocolError("range", text, seq)
+        limits = [allowed] * size
+        if name == "ee_pose":
+            limits[3:] = [Range(low=-most_turned, high=most_turned, unit="rad")] * 3
+        for entry, limit in zip(entries, limits, strict=True):
+            if entry not in limit:
+                text = f"{name:.40} {entries!r:.80} is outside {limit}"
+                raise ProtocolError("range", text, seq)
         values[name] = np.array(entries, dtype=np.float64)
     return Observed(seq, float(values["time"][0]), values)
 
@@ -132,12 +131,7 @@ def array(entries: Any) -> np.ndarray:
 
 
 class Link:
-    """One end of a connection: a socket (given twice), or the ends of two pipes.
-
-    Args:
-        reader: Descriptor to read from.
-        writer: Descriptor to write to.
-    """
+    """One end of a connection: a socket's descriptor, given twice, or two pipes'."""
 
     def __init__(self, reader: int, writer: int) -> None:
         self._reader, self._writer = reader, writer
@@ -145,11 +139,7 @@ class Link:
         self.closed = False
 
     def lines(self, timeout: float = 0.0) -> list[bytes]:
-        """Return the complete lines that arrive within a time [s].
-
-        The end of the stream sets `closed`, and so does a line that is too long; it
-        and those after it are not returned.
-        """
+        """Return complete lines that arrive in a time [s]; long ones set `closed`."""
         try:
             if not select.select([self._reader], [], [], timeout)[0]:
                 return []
@@ -163,10 +153,7 @@ class Link:
         return accepted[: len(lines) - 1]
 
     def send(self, data: bytes = b"") -> None:
-        """Send as much as possible without blocking, and keep the rest.
-
-        If the peer is gone, or a megabyte is waiting, `closed` is set.
-        """
+        """Send what does not block; a waiting megabyte, or no peer, sets `closed`."""
         self._unsent += data
         try:
             while self._unsent and select.select([], [self._writer], [], 0.0)[1]:

@@ -2,13 +2,15 @@
 
 import contextlib
 import gc
+import io
+import json
 import os
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.reaching import ReachingAgent, learn_reach, openings, reaches
@@ -17,30 +19,81 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
 )
 from gplfd_policies.registry.catalogue import make_agent, method_and_skill, policy_named
-from gplfd_policies.serving.journal import Journal
-from gplfd_policies.serving.protocol import (
-    Link,
-    Message,
-    ProtocolError,
-    decode,
-    encode,
-)
+from gplfd_policies.serving.protocol import Link, Message, ProtocolError, decode, encode
 from gplfd_policies.serving.session import HEARTBEAT, Session
 from gplfd_policies.serving.settings import ServeSettings
 
-SILENCE: Final = 30.0
-"""A client that is silent for this time counts as gone [s]."""
+BEGINNING: Final = b'{"journal":1'
+"""Beginning of the first line of every run."""
+LARGEST: Final = 2**30
+"""Greatest size of a file [bytes]: at least an hour with all quantities explained."""
 
-GREETING: Final = 3.0
-"""A client that has not said hello after this time makes room for another [s]."""
+
+class Journal:
+    """Appends to a file that only the user can read; does nothing without a path."""
+
+    def __init__(self, path: Path | None, about: Mapping[str, Any]) -> None:
+        self._file: io.FileIO | None = None
+        if path is not None:
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
+            self._file = os.fdopen(file, "ab", buffering=0)
+            # A kill may have truncated the last line of the last run.
+            begun = b"\n" if self._file.tell() else b""
+            self._file.write(begun + encode({"journal": 1, **about}))
+
+    def write(
+        self,
+        at: float,
+        received: bytes | str | None,
+        replies: Sequence[Mapping[str, Any]],
+        took: float,
+    ) -> None:
+        """Add a message with its replies, time and duration [s].
+
+        `received` is a line of JSON, which is copied, other text, or None. If the file
+        has its greatest size, or the disk is full, only the journal ends.
+        """
+        if self._file is None:
+            return
+        if not isinstance(received, bytes):
+            received = json.dumps(received).encode()
+        rest = encode({"at": at, "took": took, "out": list(replies)})
+        try:
+            if self._file.tell() > LARGEST:
+                raise OSError(f"it has {LARGEST} bytes")
+            self._file.write(b'{"in":%b,%b' % (received, rest[1:]))
+        except OSError as error:
+            print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)
+            self.close()
+
+    def close(self) -> None:
+        """Close the file; later messages are not written."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def read_journal(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a journal, without truncated last lines of runs."""
+    lines = [line for line in path.read_bytes().split(b"\n") if line]
+    if not lines or not lines[0].startswith(BEGINNING):
+        raise ValueError(f"{path} is not a journal of gplfd serve")
+    entries = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            entries.append(json.loads(line))
+        except ValueError:
+            if number < len(lines) and not lines[number].startswith(BEGINNING):
+                raise ValueError(f"{path}: entry {number} is damaged") from None
+    return entries
 
 
 def served_agent(
     settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
 ) -> Agent:
-    """Make the agent of a skill file, or of a policy and a file of demonstrations.
+    """Make the agent of a skill file, or of a policy and demonstrations.
 
-    `demonstrations` replaces that file. Raises a ValueError if it cannot be served.
+    `demonstrations` replaces their file. Raises a ValueError if it cannot be served.
     """
     source, file = settings.source, Path(settings.source)
     if file.suffix == ".npz":
@@ -54,8 +107,7 @@ def served_agent(
     policy = policy_named(source)
     if policy.told:
         raise ValueError(
-            f"policy {source!r} needs the true door, which no message contains: it "
-            "cannot be served"
+            f"policy {source!r} needs the true door, which no message contains"
         )
     if settings.demonstrations is not None:
         demonstrations = load_demonstrations(settings.demonstrations)
@@ -75,7 +127,8 @@ def served_agent(
 class Server:
     """Serves one client at a time, those of a listening socket or one `link`.
 
-    All times are those of `clock`, which is monotonic [s].
+    A client that was silent for the time after which the watchdog stops makes room for
+    another. All times are those of `clock`, which is monotonic [s].
     """
 
     def __init__(
@@ -89,7 +142,7 @@ class Server:
         self._session, self._journal, self._clock = session, journal, clock
         self._listener, self._link = listener, link
         self._client: socket.socket | None = None
-        self._came = self._heard = clock()
+        self._heard = clock()
         session.connect(self._heard)
 
     def run(self) -> None:
@@ -114,16 +167,15 @@ class Server:
         lines = link.lines(wait)
         link.send()
         for line in lines:
-            self._heard = began = self._clock()
+            began = self._clock()
             self._say(began, *handle(session, line, began))
+            if session.greeted:
+                self._heard = began
             if session.closed:
                 break
         now = self._clock()
         if replies := session.tick(now):
             self._say(now, None, replies)
-        mute = self._listener is not None and not session.greeted
-        if now - self._heard > SILENCE or (mute and now - self._came > GREETING):
-            link.closed = True
         if session.closed or link.closed:
             return self._leave("bye" if session.closed else "the client has gone")
         return self._listener is None or self._accept(0.0)
@@ -137,7 +189,7 @@ class Server:
         self._journal.write(began, received, replies, self._clock() - began)
 
     def _accept(self, timeout: float | None) -> bool:
-        """Accept a client, or refuse it while another is connected."""
+        """Accept a client, or refuse it while another one is heard."""
         if self._listener is None:
             return False
         self._listener.settimeout(timeout)
@@ -145,6 +197,9 @@ class Server:
             client, _ = self._listener.accept()
         except (BlockingIOError, TimeoutError):
             return True
+        silent = self._clock() - self._heard >= self._session.patience
+        if silent and self._link is not None:
+            self._leave("a silent client makes room")
         if self._link is not None:
             reply = ProtocolError("busy", "another client is connected").reply
             with contextlib.suppress(OSError), client:
@@ -153,9 +208,9 @@ class Server:
         if client.family != getattr(socket, "AF_UNIX", None):
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client, self._link = client, Link(client.fileno(), client.fileno())
-        self._came = self._heard = self._clock()
-        self._session.connect(self._came)
-        self._journal.write(self._came, "a client has come", [], 0.0)
+        self._heard = self._clock()
+        self._session.connect(self._heard)
+        self._journal.write(self._heard, "a client has come", [], 0.0)
         return True
 
     def _leave(self, reason: str) -> bool:
@@ -185,11 +240,8 @@ def serve(
 ) -> None:
     """Serve an agent by settings, until the client or an interruption ends it.
 
-    With standard input and output, prints of a policy go to standard error.
-
-    Raises:
-        ValueError: The agent cannot be served.
-        OSError: The address or the journal cannot be used.
+    Raises a ValueError if the agent cannot be served, and an OSError if the address or
+    the journal cannot be used.
     """
     with contextlib.ExitStack() as stack:
         listener, link, address = None, None, "standard input and output"

@@ -1,7 +1,7 @@
 """State of a served agent: checks of messages, watchdog, limits and commands.
 
-There is no input or output here, and time is an argument, so that every fault can be
-tested without waiting. docs/serving.md defines the states.
+There is no input or output here, and time is an argument. docs/serving.md defines the
+states.
 """
 
 import math
@@ -30,11 +30,8 @@ from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings
 HEARTBEAT: Final = 0.25
 """Longest silence of the server while a client is connected [s]."""
 
-_DRIFT: Final = 1e-3
-"""Greatest relative drift of the two clocks [s/s]."""
-
-_BURST: Final = 1.5
-"""Number of periods by which an observation may be early, because of jitter."""
+_DRIFT: Final = 1e-3  # greatest relative drift of the two clocks [s/s]
+_BURST: Final = 1.5  # periods by which an observation may be early, because of jitter
 
 
 class Session:
@@ -48,6 +45,8 @@ class Session:
 
     def __init__(self, agent: Agent, settings: ServeSettings, address: str) -> None:
         self._agent, self._settings = agent, settings
+        self.patience = settings.stop_after
+        """Time of silence after which a client makes room for another [s]."""
         self._softest = np.repeat(settings.least_stiffness, 3)
         described = settings.described()
         self.greeting: Message = {
@@ -72,6 +71,7 @@ class Session:
         self.reason = ""
         self.greeted = self.closed = self._explain = False
         self._spoke = self._commanded = now  # last message, last command
+        self._most_turned = MOST_TURNED
 
     @property
     def due(self) -> float:
@@ -101,7 +101,7 @@ class Session:
         """Return unsolicited messages due now [s]: holding, softening, heartbeat.
 
         Only an accepted observation puts off the watchdog, and only a command the next
-        command of holding or softening: other messages, however many, put off neither.
+        command of holding or softening.
         """
         settings = self._settings
         if self.state in ("active", "holding"):
@@ -142,7 +142,7 @@ class Session:
         if kind == "heartbeat":
             return self._heartbeat()
         if kind == "reset":
-            return self._reset(observed(message), now)
+            return self._reset(observed(message, self._most_turned), now)
         if kind not in ("observe", "stop"):
             types = "hello, reset, observe, heartbeat, stop, bye"
             raise ProtocolError("type", f"unknown type {kind!r:.40}; known: {types}")
@@ -151,7 +151,7 @@ class Session:
         if kind == "stop":
             self._stop("the client said stop", now)
             return self._command(now)
-        return self._observe(observed(message), now)
+        return self._observe(observed(message, self._most_turned), now)
 
     def _reset(self, observation: Observed, now: float) -> Message:
         pose, wrench = observation.values["ee_pose"], observation.values["wrench"]
@@ -161,6 +161,11 @@ class Session:
             self._begin(observation, now)
         try:
             self._agent.reset(observation.copied())
+            if (expected := self._agent.forecast()) is not None:
+                # What the agent itself turns by, and what the hand may be beside it.
+                turned = float(np.abs(expected.mean[:, 3:]).max())
+                turned += self._settings.follow_angle
+                self._most_turned = max(turned, MOST_TURNED)
         except BaseException as error:  # whatever a user's agent raises
             self.state = "active"  # a reset during a stop that fails is a new fault
             self._stop(_failure(error), now)
@@ -204,8 +209,8 @@ class Session:
     def _check_order(self, observation: Observed, now: float) -> int:
         """Raise if an observation is not the next; return the number of lost ones.
 
-        An observation is late if its delay exceeds the shortest delay by `hold_after`.
-        The shortest delay is increased with the greatest drift of the clocks.
+        An observation is late if its delay exceeds the shortest by `hold_after`, which
+        increases with the greatest drift of the clocks.
         """
         seq, time = observation.seq, observation.time
         if seq <= self._seq or time <= self._time:
@@ -231,16 +236,15 @@ class Session:
 
     def _fault(self, observation: Observed) -> str:
         """Return the reason why the robot must stop, or ""."""
-        pose, away = observation.values["ee_pose"], 0.0
+        pose, lost = observation.values["ee_pose"], False
         if exceeds_following_error(self._settings, pose, self._pose):
             self._away_since = min(self._away_since, observation.time)
             away = observation.time - self._away_since
+            lost = away >= self._settings.follow_time
         else:
             self._away_since = math.inf
-        if problem := exceeded(self._settings, pose, observation.values["wrench"]):
-            return problem
-        lost = self._away_since < math.inf and away >= self._settings.follow_time
-        return "the robot does not follow" if lost else ""
+        problem = exceeded(self._settings, pose, observation.values["wrench"])
+        return problem or ("the robot does not follow" if lost else "")
 
     def _decision(self, observation: Observed, now: float) -> AgentStep | None:
         """Return the step of the agent, or stop if it must not be commanded."""
@@ -253,8 +257,9 @@ class Session:
         except BaseException as error:  # whatever a user's agent raises
             self._stop(_failure(error), now)
             return None
-        if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
-            text = f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
+        most = self._most_turned
+        if not finite or np.abs(step.action[3:]).max() > most:
+            text = f"the agent's command is not finite, or beyond ±{most} rad"
         elif not self._decided and exceeds_following_error(
             self._settings, observation.values["ee_pose"], step.action
         ):
@@ -321,8 +326,7 @@ def limited(
 
     Returns:
         The pose (6,) [m, rad], the same object if no limit changed it; the stiffness
-        (6,) [N/m, N m/rad], NaN if unknown; and the names of the limits that changed
-        them.
+        (6,) [N/m, N m/rad], NaN if unknown; and the limits that changed them.
     """
     acted = []
     low, high = np.reshape(settings.workspace, (2, 3))

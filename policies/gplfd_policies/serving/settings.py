@@ -1,7 +1,6 @@
 """Settings of a served agent: agent, address, watchdog and operator limits.
 
-The fields of this record are the options of `gplfd serve` and of
-``python -m gplfd_policies.serving``. Each contains help and range of its option.
+Its fields are the options of `gplfd serve` and of ``python -m gplfd_policies.serving``.
 """
 
 import dataclasses
@@ -22,11 +21,7 @@ def _option(default: Any, text: str, **allowed: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OperatorLimits:
-    """Limits of an operator, which act on what is served and exported.
-
-    Raises:
-        ValueError: A number out of range, or contradictory limits.
-    """
+    """Limits of an operator, which act on what is served and exported."""
 
     workspace: Box = _option(
         (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0),
@@ -48,9 +43,8 @@ class OperatorLimits:
         for field in dataclasses.fields(self):
             value, bounds = getattr(self, field.name), field.metadata
             low, above = bounds.get("low", -math.inf), bounds.get("above", -math.inf)
-            if bounds.keys() > {"help"} and not (
-                low <= value < math.inf and value > above
-            ):
+            limited = bounds.keys() > {"help"}
+            if limited and not (low <= value < math.inf and value > above):
                 least = f"{low} or more" if "low" in bounds else f"greater than {above}"
                 flag = field.name.replace("_", "-")
                 raise ValueError(f"--{flag} {value} must be finite and {least}")
@@ -70,12 +64,7 @@ class OperatorLimits:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ServeSettings(OperatorLimits):
-    """Served agent, address and limits; checked on creation.
-
-    Raises:
-        ValueError: A number out of range, two addresses, an address beyond this machine
-            without `beyond_loopback`, or contradictory limits.
-    """
+    """Served agent, address and limits; checked on creation."""
 
     source: str = dataclasses.field(
         metadata={"help": "Skill file (.npz of `gplfd learn`), or name of a policy."}
@@ -153,8 +142,7 @@ class ServeSettings(OperatorLimits):
 
 
 LIMITS: Final = (
-    *("workspace", "linear_speed", "angular_speed", "force", "moment"),
-    *("least_stiffness", "greatest_stiffness"),
+    *(field.name for field in dataclasses.fields(OperatorLimits)),
     *("follow_distance", "follow_angle", "follow_time"),
 )
 """Fields that limit the robot."""

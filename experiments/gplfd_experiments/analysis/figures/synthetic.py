@@ -30,7 +30,7 @@ from gplfd_policies.demonstrations.alignment import (
     AlignmentMethod,
     task_completion_index,
 )
-from gplfd_policies.gp.noise import NoiseModel, NoiseProfile
+from gplfd_policies.gp.heteroscedastic import NoiseModel, NoiseProfile
 from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import fit_skill
 

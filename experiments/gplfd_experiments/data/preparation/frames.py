@@ -16,7 +16,7 @@ from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.settings import ImportSettings, Pose
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
 _SHORTEST: Final = math.radians(10.0)  # Smallest arc for estimating a hinge [rad].

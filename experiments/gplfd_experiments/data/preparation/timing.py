@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.settings import Segments, likely_time_unit
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 
 _SMOOTHING: Final = 0.05  # Standard deviation of the smoother of the poses [s].
 _REACH: Final = 0.1  # Speed is computed from chords over twice this time [s].

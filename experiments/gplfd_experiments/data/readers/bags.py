@@ -20,7 +20,7 @@ from gplfd_experiments.data.raw import RawRecording, chosen, restarts
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.storage import regular_file
 
 with optional_libraries("ROS bags need rosbags", "ros"):

@@ -7,7 +7,7 @@ import numpy as np
 
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.records import FINEST
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -66,7 +66,7 @@ from gplfd_experiments.studies.learning_tests.via_points import (
     forecasts,
     online_forecasts,
 )
-from gplfd_policies.arrays.resolution import FINEST, interpolated
+from gplfd_policies.arrays.records import FINEST, interpolated
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method

@@ -20,7 +20,7 @@ is selected:
     p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U.
 
 Differences to the paper: all q are lengths [m]; every model except the rigid one begins
-at the origin, the known pose of the closed door; and the fits have priors.
+at the origin, the closed door; and the fits have priors.
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
 from gplfd_policies.agents.model_based.following import (
     JUMP_DECAY,
+    UPRIGHT,
+    Circle,
+    CirclePrior,
     CompliantSetPoint,
     HandPath,
     accelerated,
@@ -55,8 +57,7 @@ _OUTLIERS: Final = 0.01
 _EVERY, _MOST = 4, 20
 """Points of a path per training pose, tuned; and greatest m, as in the paper."""
 _SLOPE, _BEND = 1e6, 2e5
-"""a and b of the Gaussian process, relative to the noise variance [1/m², 1/m³].
-Tuned."""
+"""a and b of the process, relative to the noise variance [1/m², 1/m³]. Tuned."""
 
 
 class Mechanism:
@@ -95,11 +96,7 @@ class Mechanism:
 
 
 class Prismatic(Mechanism):
-    """The hand moves along a line, and does not turn.
-
-    Its direction is the regression of positions on distances from the closed door; the
-    mean of its prior is the direction of the pull.
-    """
+    """The hand moves along a line, by regression with the pull as its prior."""
 
     degrees, parameters = 1, 8
 
@@ -201,13 +198,10 @@ def _kernel(here: Array, there: Array) -> Array:
 _GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
 """Directions to try, task frame."""
 _PATIENCE, _PLAY = 1.5, 4
-"""Time for each direction [s], and number of segments within which the hand counts as
-not moving. Tuned."""
+"""Time for a direction [s]; segments within which the hand has not moved. Tuned."""
 _LEAST_RADIUS: Final = 0.25
-"""Least radius of a hinged leaf [m]: the end on a smaller circle is computed with
-it."""
-_SPEED: Final = 0.12
-"""Speed of the set-point [m/s]. Tuned."""
+"""Least radius of a hinged leaf by which its end is computed [m]."""
+_SPEED: Final = 0.12  # speed of the set-point [m/s]. Tuned
 _ACCELERATION: Final = 0.06
 """Acceleration and deceleration of the set-point [m/s²]. Tuned."""
 
@@ -217,11 +211,9 @@ class MechanismFitAgent:
 
     As in `HingeFitAgent`, the hand yields to every force except the door's resistance
     along the path. The agent begins by pulling straight back. If the hand stays within
-    two centimetres for 1.5 seconds, it tries the next direction: along the wall, into
-    the wall, along the wall the other way. A rotational motion ends at 67° from the
-    closed door, like the demonstrations. Otherwise the end is unknown: the set-point
-    moves on until the door stops, and waits at the greatest load that the load rule
-    allows.
+    two centimetres for 1.5 seconds, it tries the next direction. A rotational motion
+    ends at 67° from the closed door, like the demonstrations. Otherwise the set-point
+    moves on until the load rule stops it.
     """
 
     def __init__(self) -> None:

@@ -18,8 +18,7 @@ _KNOB: Final = 0.03
 _SHORT: Final = 0.065
 """Distance of the hand from the handle's axis [m]: at most `_KNOB` for a knob, at least
 `_SHORT` for a lever, whose servo error is small relative to its motion."""
-_FIRMLY: Final = 0.01
-"""Distance of the command beyond the stop: 20 N of the servo [m]."""
+_FIRMLY: Final = 0.01  # distance of the command beyond the stop: 20 N of the servo [m]
 _LET_BACK: Final = math.radians(8.0), math.radians(25.0)
 """Opening angles between which the handle turns back [rad]."""
 _DURATION: Final = 6.0

@@ -10,10 +10,9 @@ Gaussians:
     f(x) = x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
 
 e = 2 log(q_g q*) is the rotation vector from q to the goal q_g, so that every component
-is a separate damped oscillator. With the angular velocity instead of -ė they are
+is a separate damped oscillator; with the angular velocity instead of -ė they are
 coupled (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``). f(x)
-is not scaled by goal minus start, which is mostly noise for a component that ends where
-it began.
+is not scaled by goal minus start, which may be noise.
 """
 
 from dataclasses import dataclass, replace
@@ -37,8 +36,7 @@ from gplfd_policies.movements.movement import (
     white_covariance,
 )
 
-_STEPS = 1000
-"""Integration steps per τ."""
+_STEPS = 1000  # integration steps per τ
 _SETTLED = 1e-6
 """The rollout ends when x and the unforced transient have fallen to this share."""
 

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.resolution import thinned
+from gplfd_policies.arrays.records import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
@@ -30,12 +30,7 @@ from gplfd_policies.movements.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movements.movement import (
-    MomentMovement,
-    Moments,
-    ViaPoint,
-    stacked,
-)
+from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint, stacked
 
 # Published values are for letters, which were written over 2 s and vary by 25 cm²:
 # seconds are halved and variances divided by 25.
@@ -45,11 +40,9 @@ LONGEST_LENGTH_SCALE = 5.0
 """Greatest length-scale of the search [phase]; published 10 s."""
 NOISE_RANGE = (4e-5, 2e-3)
 """Allowed variance of the demonstrations' noise, standardised; published [0.001, 0.05]
-cm². Demonstrations that differ by more, as all here do, keep the noise at the upper
-limit. Without it most length-scales reach theirs."""
+cm². Without the upper limit most length-scales reach theirs."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised, so that contradictory
-via-points have a solution: the average."""
+"""Least standard deviation of a via-point, standardised."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,8 +54,7 @@ class GMMGPConfig(Quantities):
     shortest_length_scale: float = quantity(0.005, above=0.0, high=FIRST_LENGTH_SCALE)
     """Least length-scale [phase]; published 0.01 s."""
     phases: int = quantity(50, low=2)
-    """Number of evenly spread phases that enter the likelihood. The cost grows with its
-    cube: 0.2 s for 50, 1 s for 100, where length-scales change by a quarter."""
+    """Number of evenly spread phases that enter the likelihood; cost is cubic."""
     weight_power: float = quantity(1.0, above=0.0)
     """Power of the responsibilities in the kernel; 1 as published."""
 
@@ -104,8 +96,8 @@ class MixtureKernel:
 class Evidence:
     """Likelihood of the demonstrations as noisy observations of one function.
 
-    The function has the prior mean m(t) and covariance K. The average, with noise σ²/D,
-    and the scatter, which depends only on σ², are sufficient.
+    It has the prior mean m(t) and covariance K. The average, with noise σ²/D, and the
+    scatter, which depends only on σ², are sufficient.
     """
 
     regression: GaussianMixtureRegression
@@ -191,10 +183,7 @@ class GMMGaussianProcess(MomentMovement):
 
     @cached_property
     def _evidence(self) -> tuple[Times, Int[np.ndarray, " P"], np.ndarray, np.ndarray]:
-        """Phases, indices of the P constrained outputs, S = L Lᵀ as L, S⁻¹ misses.
-
-        The indices are among the 6 V outputs of V via-points, output by output.
-        """
+        """Phases, indices of the P of 6 V outputs, S = L Lᵀ as L, S⁻¹ misses."""
         standardisation = self.regression.standardisation
         phases, poses, noise, along = stacked(self.via_points)
         noise = (noise / standardisation.scale**2).T.ravel()
@@ -251,8 +240,7 @@ def fit_gmm_gp(
         jac=True,
         method="L-BFGS-B",
         bounds=[tuple(scales)] * count + [tuple(np.log(NOISE_RANGE))],
-        # The scatter makes the value large and almost constant: do not stop because of
-        # it.
+        # The scatter makes the value large and almost constant.
         options={"ftol": 1e-15, "gtol": 1e-5},
     )
     lengths, power = np.exp(result.x[:-1]), config.weight_power

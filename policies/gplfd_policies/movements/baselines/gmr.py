@@ -15,14 +15,15 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.records import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import MomentMovement, Moments, white_covariance
 
+Values = Float[np.ndarray, "*N 6"]
+
 TOLERANCE: Final = 1e-4
-"""Expectation maximisation stops when the mean log-likelihood of a sample gains less
-than this; as published."""
+"""Expectation maximisation stops at this gain of the mean log-likelihood; published."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,8 +43,7 @@ class GMRConfig(Quantities):
         if self.components > count:
             raise ValueError(
                 f"{self.components} components need as many phases, and the "
-                f"demonstrations have {count}; ask for fewer components or align with "
-                f"more samples."
+                f"demonstrations have {count}; ask for fewer or align with more."
             )
 
 
@@ -70,13 +70,11 @@ class Standardisation:
         scale = np.maximum(poses.std(axis=(0, 1)), FINEST)
         return cls(offset=poses.mean(axis=(0, 1)), scale=scale)
 
-    def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
+    def apply(self, poses: Values) -> Values:
         """Convert poses to standard deviations from their average."""
         return np.asarray((poses - self.offset) / self.scale)
 
-    def undo(
-        self, standardised: Float[np.ndarray, "... 6"]
-    ) -> Float[np.ndarray, "... 6"]:
+    def undo(self, standardised: Values) -> Values:
         """Convert standardised poses to poses [m, rad]."""
         return np.asarray(self.offset + self.scale * standardised)
 

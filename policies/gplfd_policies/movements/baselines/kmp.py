@@ -40,8 +40,7 @@ from gplfd_policies.movements.baselines.gmr import (
 from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised: zero would give infinite
-weight."""
+"""Least standard deviation of a via-point, standardised."""
 _SAME_PHASE = 0.1
 """Phases closer than this share of the reference's spacing coincide; as published."""
 _SMALLEST = 1e-10
@@ -60,13 +59,10 @@ class KMPConfig(Quantities):
     """Length-scale of the kernel [phase]. Published is exp(−6 (t − t')²) over 2 s."""
     mean_regularisation: float = quantity(25.0, above=0.0)
     """λ. Published is 1 for letters that vary by 25 cm², thus 25 in standardised
-    outputs. It also pulls the mean towards the average pose where demonstrations differ
-    much: doors of 0.35 to 0.65 m by 5 cm at the end of the motion, which a λ of 1 does
-    not."""
+    outputs. Where demonstrations differ much it pulls the mean to the average pose."""
     covariance_regularisation: float = quantity(1500.0, above=0.0)
-    """λ_c. Published is 60, times 25 for the same reason. The spread is calibrated only
-    by λ_c: N/λ_c is the variance far from the reference. The published value is
-    over-confident; with λ_c = N this variance equals that of the demonstrations."""
+    """λ_c. Published is 60, times 25 for the same reason: too confident. N/λ_c
+    is the variance far from the reference."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -172,9 +168,7 @@ class KernelizedMovementPrimitive(MomentMovement):
         """Return the primitive with via-points that replace references at their phase.
 
         A standard deviation σ enters as the covariance σ²/N, because every entry has
-        the weight 1/N. Only then does the primitive predict σ at a via-point that
-        dominates. An error that outputs share counts as independent errors: as a
-        covariance, the primitive followed the sensor noise.
+        the weight 1/N. An error that outputs share counts as independent errors.
         """
         standardisation = self.regression.standardisation
         count = self.config.references

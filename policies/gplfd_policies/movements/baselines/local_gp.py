@@ -1,10 +1,8 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010). Many processes, each with its own noise level and
-interval of the task, represent that demonstrations agree at some phases and differ at
-others. This is a **reconstruction** from descriptions by others, written without access
-to the original. Assumptions:
+Process Regression*, IROS 2010): many processes, each with its own noise level and
+interval of the task. A **reconstruction** from descriptions by others. Assumptions:
 
 * The phase is divided into clusters by k-means. For demonstrations on the same, evenly
   spaced phases these are intervals of equal length.
@@ -17,9 +15,9 @@ to the original. Assumptions:
 
       1/v = Σ_k w_k/v_k,   μ = v Σ_k w_k μ_k/v_k.
 
-Without the exponents, C processes without data would give a variance C times too small
-(``test_plain_product_is_over_confident``). * Outputs are independent and rotations are
-rotation vectors; there are no via-points.
+Without the exponents, the variance would be C times too small without data
+(``test_plain_product_is_over_confident``). Outputs are independent, and there are no
+via-points.
 """
 
 from dataclasses import dataclass
@@ -30,9 +28,12 @@ import scipy
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.gp.evidence import Replicates, fit_kernel_and_noise
-from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
-from gplfd_policies.gp.noise import NoiseProfile
+from gplfd_policies.gp.exact import Replicates, fit_kernel_and_noise
+from gplfd_policies.gp.heteroscedastic import (
+    HeteroscedasticGP,
+    NoiseProfile,
+    offset_and_scale,
+)
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _FEWEST_SAMPLES = 4
@@ -46,9 +47,7 @@ class LocalGPConfig(Quantities):
     clusters: int = quantity(8, low=1)
     """Number of clusters C; one is a single Gaussian process."""
     width: float = quantity(0.35, low=0.1, high=10.0)
-    """Standard deviation W of a cluster's weight, in distances between centres. Small
-    values switch abruptly from process to process; large ones trust a process far from
-    its own samples, where it is over-confident."""
+    """Standard deviation W of a cluster's weight, in distances between centres."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -94,10 +93,7 @@ class LocalGaussianProcesses(MomentMovement):
         return mean, np.sqrt(variance)
 
     def _covariance(self, times: Times) -> Covariances:
-        """Covariance over time of the product, whose mean is Σ_k (w_k v/v_k) μ_k.
-
-        The errors of clusters are independent, C_k(t, t')/√(w_k w_k').
-        """
+        """Covariance of Σ_k (w_k v/v_k) μ_k; clusters have C_k(t, t')/√(w_k w_k')."""
         total = np.zeros((6, len(times), len(times)))
         *_, shares = self._product(times)
         for share, outputs in zip(shares, self.processes, strict=True):

@@ -2,11 +2,9 @@
 
 Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
 Mixtures for Robot Policy Learning*, arXiv:2505.03296, known from abstract and
-summaries. A mode is a sequence of Gaussians on R³ × SO(3), independent from step to
-step, with Fréchet mean and tangent covariance. Trajectories are partitioned into modes
-without labels; the weight of a mode is its share of them; evidence updates Gaussians
-and weights. With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations of
-a mode,
+summaries. A mode is a sequence of Gaussians on R³ × SO(3) with Fréchet mean and tangent
+covariance; its weight is its share of the trajectories; evidence updates Gaussians and
+weights. With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations,
 
     Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
 
@@ -16,9 +14,7 @@ Assumptions where the sources give no information or the benchmark needs more:
   between steps; the covariance of each step is unchanged.
 * Evidence consists of via-points, for which conditioning in the tangent space is exact.
 * Number of modes: demonstrations are clustered by average linkage of the chords between
-  their displacements from the start, of unit norm, with 1 m equal to 1 rad. Thus doors
-  of different size belong to the same mode; pushing or pulling and the side of the
-  hinge make different modes.
+  their displacements from the start, of unit norm, with 1 m equal to 1 rad.
 * A mode of one demonstration has the spread of the largest mode.
 """
 
@@ -33,7 +29,7 @@ import scipy
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.spatial.turns import REGULAR
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.records import FINEST
 from gplfd_policies.arrays.shapes import (
     Covariances,
     Float,
@@ -52,8 +48,7 @@ from gplfd_policies.movements.movement import (
     stacked,
 )
 
-_LEAST: Final = 1e-4
-"""Least standard deviation, relative to the output's greatest."""
+_LEAST: Final = 1e-4  # least standard deviation, relative to the output's greatest
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,8 +56,7 @@ class MiDiGaPConfig(Quantities):
     """Constants of a mixture of discrete-time Gaussian processes."""
 
     mode_angle: float = quantity(0.7, above=0.0, high=np.pi)
-    """Least mean angle between the displacements of two modes [rad]: 0.4 for doors of
-    0.35 and 0.9 m, 1 for a lever that is pressed or lifted."""
+    """Least mean angle between the displacements of two modes [rad]."""
     length_scale: float = quantity(1.0, above=0.0)
     """ℓ, the phase over which steps are correlated."""
 
@@ -154,10 +148,7 @@ class DiscreteTimeGP(MomentMovement):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class MixtureOfDiscreteTimeGPs(LearnedMovement):
-    """A mixture that predicts its most probable mode; made by `fit_midigap`, immutable.
-
-    An agent's phase rule compares a pose with all demonstrations.
-    """
+    """A mixture that predicts its most probable mode; made by `fit_midigap`."""
 
     modes: tuple[DiscreteTimeGP, ...]
     """The modes, the largest first."""
@@ -182,15 +173,11 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 def fit_midigap(
     aligned: AlignedDemonstrations, config: MiDiGaPConfig = MiDiGaPConfig()
 ) -> MixtureOfDiscreteTimeGPs:
-    """Partition demonstrations into modes, and learn the Gaussians of each.
-
-    Raises:
-        ValueError: No mode has two demonstrations.
-    """
+    """Partition demonstrations into modes, and learn the Gaussians of each."""
     if np.linalg.norm(aligned.poses[..., 3:], axis=2).max() > REGULAR:
         raise ValueError(
-            "the demonstrations turn by more than 300 degrees, where the derivatives "
-            "of this mixture are singular; choose another policy, such as gp"
+            "the demonstrations turn by more than 300 degrees, where this mixture is "
+            "singular; choose another policy, such as gp"
         )
     parts = partition_by_angle(aligned.poses, config.mode_angle)
     if len(parts[0]) < 2:
@@ -207,10 +194,14 @@ def fit_midigap(
         roots = roots / np.sqrt(len(part) - 1) if len(part) > 1 else modes[0].roots
         clocks = None if aligned.clocks is None else aligned.clocks[part]
         members = replace(aligned, poses=poses, clocks=clocks, wrenches=None, rests=())
-        scale = config.length_scale
-        modes += [
-            DiscreteTimeGP(aligned=members, mean=mean, roots=roots, length_scale=scale)
-        ]
+        modes.append(
+            DiscreteTimeGP(
+                aligned=members,
+                mean=mean,
+                roots=roots,
+                length_scale=config.length_scale,
+            )
+        )
     return MixtureOfDiscreteTimeGPs(aligned=aligned, modes=tuple(modes))
 
 

@@ -18,12 +18,11 @@ is linear. From the state (y_b, y_b') at z = 0 it has the solution
 * Outputs are position and rotation vector. The start is the mean of all starts, but
   each demonstration is fitted from its own start.
 * Responses Φ are scaled to a maximum of 1 within the task, as in the paper. They
-  overlap so much that their weights cancel to ten digits: conditioning on them would
-  depend on rounding. Therefore Φ is made orthonormal over the demonstrated phases,
-  Φ R⁻¹ with the weights R (w, g), where Rᵀ R = ΦᵀΦ and the ridge
+  overlap so much that conditioning on their weights would depend on rounding. Therefore
+  Φ is made orthonormal over the demonstrated phases, Φ R⁻¹ with the weights R (w, g),
+  where Rᵀ R = ΦᵀΦ and the ridge
   (``test_contradicting_demands_of_no_tolerance_have_an_answer``).
-* Σ is shrunk to white deviations of the demonstrated variance: towards its diagonal,
-  the deviations would increase beyond the demonstrated ones.
+* Σ is shrunk to white deviations of the demonstrated variance.
 """
 
 from dataclasses import dataclass
@@ -46,8 +45,7 @@ from gplfd_policies.movements.baselines.promp import (
 
 _LONGEST: Final = 5.0
 """Time in τ at which the response ends, as in the paper: x = exp(-15)."""
-_STEPS: Final = 1000
-"""Steps of the quadrature per τ."""
+_STEPS: Final = 1000  # steps of the quadrature per τ
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -37,8 +37,7 @@ Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 RIDGE: Final = 1e-8
 """Penalty on squared weights; it has an effect only where data are not sufficient."""
 _SINGULAR = 1e-9
-"""Least tolerance of a demand, as a share of its whole variance, so that the covariance
-of demands stays positive definite."""
+"""Least tolerance of a demand, as a share of its whole variance."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -178,10 +177,7 @@ def learn_weights(
     basis: Float[np.ndarray, "M B"],
     regression: Float[np.ndarray, "B M"],
 ) -> dict[str, Any]:
-    """Learn μ, Σ = S, and R of a `WeightMovement` from curves.
-
-    The matrix ``regression`` turns the curve of one output into its weights.
-    """
+    """Learn μ, Σ = S and R from curves, whose weights ``regression`` gives."""
     count, n_phases, _ = poses.shape
     size = basis.shape[1]
     if count < 2:

@@ -17,8 +17,7 @@ Choices that the tutorial leaves to the user:
   has the same length. In this frame every door has unit radius.
 * The hinge of a demonstration is the centre of a circle through the hand's path (Kåsa's
   fit: |p|² = 2 pᵀc + k is linear in c and k). Without a circle there is one frame.
-* The phase is shared: as an output of each frame it would be counted twice, and the
-  mean would deviate by 4 cm from that of the demonstrations.
+* The phase is shared: as an output of each frame it would be counted twice.
 * In a new situation (c, k) is Gaussian as demonstrated, and via-points are further
   points of the circle. An uncertain c adds G C Gᵀ to a Gaussian of this frame, to first
   order. Via-points are not necessarily reached, and have no effect on rotations.
@@ -49,11 +48,13 @@ from gplfd_policies.movements.movement import (
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""
 _ROUNDNESS = 0.5
-"""A path is a circle if its root-mean-square distance from it is less than this share
-of that from the nearest straight line."""
-_STRONGEST = 1e-4
-"""Least standard deviation of a point of a circle [m]."""
+"""Greatest RMS distance of a path from its circle, relative to the nearest line."""
+_STRONGEST = 1e-4  # least standard deviation of a point of a circle [m]
 _GMR = GMRConfig()
+Mixture = tuple[
+    Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
+]
+"""π_i, and μ_ij and Σ_ij in P frames."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,8 +70,7 @@ class Frame:
 
     def pose(self, seen: Outputs) -> Outputs:
         """ξ = A X + b."""
-        poses: np.ndarray = seen @ self.basis.T + self.origin
-        return poses
+        return np.asarray(seen @ self.basis.T + self.origin)
 
 
 def hinge_frame(hinge: Float[np.ndarray, " 2"]) -> Frame:
@@ -204,9 +204,7 @@ def product_over_frames(
 
 def fit_mixture_of_views(
     times: Times, views: Sequence[Float[np.ndarray, "K M 6"]], config: GMRConfig
-) -> tuple[
-    Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
-]:
+) -> Mixture:
     """Fit C components of phase and pose by expectation maximisation.
 
     It starts from equal bins of time. The views of a sample are independent given its
@@ -249,9 +247,7 @@ def _maximised(
     samples: Float[np.ndarray, "P N 7"],
     shares: Float[np.ndarray, "N C"],
     config: GMRConfig,
-) -> tuple[
-    Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
-]:
+) -> Mixture:
     """Maximum-likelihood components for given shares of the samples."""
     # A component that has lost all its samples keeps a weight.
     counts = shares.sum(axis=0) + 10.0 * np.finfo(np.float64).eps

@@ -1,19 +1,16 @@
 """Gaussian processes for the mean and a Wishart process for the variability.
 
 The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Programming
-by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
-demonstrations are learned separately: the former is the variance of a Gaussian process,
-the latter a covariance matrix of all outputs that changes with time, inferred as a
-generalised Wishart process.
+by Demonstration*, ICRA 2017): the uncertainty of the mean is the variance of a Gaussian
+process, the variation of the demonstrations a covariance matrix of all outputs that
+changes with time, inferred as a generalised Wishart process.
 
-This is a **reconstruction** from the abstract and descriptions by others, written
-without access to the original. Assumptions:
+This is a **reconstruction** from the abstract and descriptions by others. Assumptions:
 
 * The mean of every output is a Gaussian process over the phase, Eqs. (10)–(11), with
   one noise variance by maximum likelihood. The original reportedly drives a dynamic
-  movement primitive by such a process, which for a fixed goal predicts nearly the same
-  movement. But it learns from accelerations: for six demonstrations with 2 cm of white
-  noise, differenced twice, its error was 25 cm; the error of this mean is 3 mm.
+  movement primitive by such a process of accelerations, whose error was 25 cm instead
+  of 3 mm for six demonstrations with 2 cm of white noise.
 * The Wishart process is learned from the deviations of the demonstrations from their
   average at some of the phases, which are treated as independent in time. Its scale L
   is set so that the prior mean is their covariance over all phases. Length-scale and
@@ -34,7 +31,7 @@ their average, the likelihood is that of D − 1 independent deviations at each 
 
     log p = −½ Σ_t [(D − 1) log |Σ(t)| + tr(Σ(t)⁻¹ S_t)] + constant.
 
-It is computed in coordinates where L is the identity. The method has no via-points.
+It is computed in coordinates where L is the identity.
 """
 
 from collections.abc import Callable, Iterator
@@ -45,13 +42,12 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, check_quantities, quantity
-from gplfd_policies.arrays.resolution import FINEST, thinned
+from gplfd_policies.arrays.records import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.gp.evidence import square_root
-from gplfd_policies.gp.heteroscedastic import MultiOutputGP
+from gplfd_policies.gp.exact import square_root
+from gplfd_policies.gp.heteroscedastic import HomoscedasticNoise, MultiOutputGP
 from gplfd_policies.gp.kernels import RBF, LegendreBasis
-from gplfd_policies.gp.noise import HomoscedasticNoise
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _SHRINKAGE: Final = 1e-6
@@ -140,6 +136,16 @@ class WishartPrior:
         inner += self.floor * self.degrees * np.eye(len(self.lower))
         return np.asarray(self.lower @ inner @ self.lower.T)
 
+    def average(
+        self, moment: Float[np.ndarray, "dR dR"], times: Times
+    ) -> Float[np.ndarray, "M d d"]:
+        """E[Σ(t)] for the average of Σ_k w_k w_kᵀ, with w_k = (w_k1, …, w_kd)."""
+        _, outputs, rank = self.shape
+        tensor = moment.reshape(outputs, rank, outputs, rank)
+        features = self.features(times)
+        half = np.einsum("mr,dres->mdes", features, tensor)
+        return self.scaled(np.einsum("mdes,ms->mde", half, features))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartLikelihood:
@@ -199,23 +205,6 @@ class WishartLikelihood:
         return gradient.ravel()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class WishartPosterior:
-    """The posterior mean of Σ(t), made by `sample_posterior`."""
-
-    prior: WishartPrior
-    moment: Float[np.ndarray, "dR dR"]
-    """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
-
-    def covariance(self, times: Times) -> Float[np.ndarray, "M d d"]:
-        """E[Σ(t)], constant outside the interval."""
-        _, outputs, rank = self.prior.shape
-        tensor = self.moment.reshape(outputs, rank, outputs, rank)
-        features = self.prior.features(times)
-        half = np.einsum("mr,dres->mdes", features, tensor)
-        return self.prior.scaled(np.einsum("mdes,ms->mde", half, features))
-
-
 def elliptical_slice_chain(
     log_likelihood: LogLikelihood,
     start: Float[np.ndarray, " N"],
@@ -226,8 +215,7 @@ def elliptical_slice_chain(
 
     Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010. A step moves x
     along an ellipse through x and a draw from the prior, to a point drawn uniformly
-    from the part of the ellipse where the likelihood exceeds a random level below the
-    current one. This leaves the posterior invariant
+    from the part of the ellipse where the likelihood exceeds a random level
     (``test_sampler_meets_a_gaussian_posterior``).
     """
     state, value = start, log_likelihood(start)
@@ -258,11 +246,8 @@ def sample_posterior(
     discarded: int,
     rng: np.random.Generator,
     mode_iterations: int = 50,
-) -> WishartPosterior:
-    """Average over an elliptical slice chain that starts at a mode of the posterior.
-
-    From a draw of the prior, the chain would not have converged after 5000 steps.
-    """
+) -> Float[np.ndarray, "dR dR"]:
+    """Average Σ_k w_k w_kᵀ over a slice chain from a mode of the posterior."""
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
         value = 0.5 * float(flat @ flat) - likelihood(flat)
@@ -282,7 +267,7 @@ def sample_posterior(
         if step >= discarded:
             weights = flat.reshape(degrees, -1)
             moment += weights.T @ weights
-    return WishartPosterior(prior=prior, moment=moment / (steps - discarded))
+    return moment / (steps - discarded)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -293,11 +278,13 @@ class WishartProcessMovement(MomentMovement):
     """
 
     processes: MultiOutputGP
-    variability: WishartPosterior
+    prior: WishartPrior
+    moment: Float[np.ndarray, "dR dR"]
+    """Average of Σ_k w_k w_kᵀ over the posterior."""
 
     def aleatoric(self, times: Times) -> Float[np.ndarray, "M 6 6"]:
         """Covariance between repetitions; constant outside the task."""
-        return self.variability.covariance(times)
+        return self.prior.average(self.moment, times)
 
     def _moments(self, times: Times) -> Moments:
         moments = self.processes.moments(times)
@@ -341,10 +328,11 @@ def fit_wishart_gp(
     pooled = np.asarray(correlation * np.outer(std, std))
     processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
     interval = float(times[0]), float(times[-1])
-    shape = config.degrees, config.floor
-    prior = WishartPrior.over(interval, config.length_scale, pooled, *shape)
+    prior = WishartPrior.over(
+        interval, config.length_scale, pooled, config.degrees, config.floor
+    )
     kept = thinned(len(times), config.times)
-    variability = sample_posterior(
+    moment = sample_posterior(
         WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
         config.steps,
         config.discarded,
@@ -352,5 +340,5 @@ def fit_wishart_gp(
         config.mode_iterations,
     )
     return WishartProcessMovement(
-        aligned=aligned, processes=processes, variability=variability
+        aligned=aligned, processes=processes, prior=prior, moment=moment
     )
