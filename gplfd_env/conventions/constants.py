@@ -12,23 +12,17 @@ Info = dict[str, Any]
 
 Control = Literal["pose", "impedance"]
 """What an action commands: poses, or poses and stiffnesses."""
-
 Base = Literal["fixed", "mobile"]
 """Whether the robot's base stands still or drives."""
-
 Start = Literal["grasped", "approach"]
 """Start of an episode: the hand holds the handle, or has yet to reach it."""
-
 GRIPPER_WIDTH: Final = 0.09
 """Distance between the fingers of the open gripper [m]."""
-
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
-
 SUCCESS_ANGLE: Final = math.radians(60.0)
 """Opening angle that counts as success [rad]; for a leaf that does not turn about a
 hinge, see `gplfd_env.doors.motion`."""
-
 INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
 """Attributes of a geom that touches nothing."""
 

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 
 Number = float | NDArray[Any]
 """A float (or int), or an array of them, (n,)."""
-
 Flag = bool | NDArray[np.bool_]
 """A bool, or an array of them, (n,)."""
-
 Record = TypeVar("Record")
 """Tuples, dictionaries and dataclasses, nested, with numbers and flags in them."""
 

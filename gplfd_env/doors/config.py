@@ -23,13 +23,10 @@ Handle = Literal["bar", "lever", "knob", "paddle", "touch-bar", "handleset"]
 """What the hand holds: a vertical bar, a horizontal lever or a round knob on an axis
 normal to the leaf, or a part on a horizontal axis in it
 (`gplfd_env.doors.geometry`)."""
-
 Latch = Literal["none", "spring"]
 """Whether a sprung bolt holds the closed door until the handle is turned."""
-
 Swing = Literal["pull", "push"]
 """Whether the robot pulls or pushes the door open."""
-
 HingeSide = Literal["right", "left", "bottom", "top"]
 """Side of the hinge, seen from the robot; for a sliding or folding leaf, the side to
 which it moves."""
@@ -70,10 +67,8 @@ MOTIONS: Final[Mapping[Motion, MotionRules]] = MappingProxyType(
 
 OVERHANG: Final = 0.01
 """Distance by which the leaf extends beyond the hinge axis if no width is given [m]."""
-
 BAR_RADIUS: Final = 0.011
 """Radius of bar and lever [m]."""
-
 KNOB_RADIUS: Final = 0.026
 """Radius of the knob [m]."""
 

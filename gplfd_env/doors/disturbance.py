@@ -27,13 +27,10 @@ from gplfd_env.validation.named import preset, record_of
 
 Number = Any
 """A number, or the range (low, high) from which every episode draws it."""
-
 Target = Literal["hand", "forearm", "door"]
 """What a push acts on."""
-
 Held = Literal["hand", "door"]
 """What a person holds or stands in the way of."""
-
 Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
 

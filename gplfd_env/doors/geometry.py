@@ -24,9 +24,9 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 ROCKERS: Final = ("paddle", "touch-bar", "handleset")
 """Handles with a horizontal axis in the leaf, `DoorConfig.handle_arm` from the hand."""
 
-_TURN: Final = 0.5
 # Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
 # from any side, and for a flap.
+_TURN: Final = 0.5
 _LEVEL_TURN: Final = 0.25
 # The hinge axis counts as level if its upward component is below this.
 _LEVEL: Final = 0.5

@@ -47,13 +47,12 @@ CONSTRUCTIONS: Final = {
 
 BEARINGS: Final = {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
 """Coefficient of friction of a hinge."""
-
 CLEAR_WAY: Final = 0.85
 """Share of its clear way that a leaf without a hinge has moved at `SUCCESS_ANGLE`."""
 
-_ROLLER_DAMPING: Final = 8.0
 # Damping of a moving leaf, and the additional soft-close damping [N s/m]; own
 # assumptions.
+_ROLLER_DAMPING: Final = 8.0
 _SOFT_CLOSE_DAMPING: Final = 60.0
 _SOFT_CLOSE_WAY: Final = 0.1
 _PIN_RADIUS: Final = 4.8e-3

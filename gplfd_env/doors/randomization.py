@@ -6,6 +6,7 @@ values for all others.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -45,21 +46,11 @@ def _half_width(name: str) -> Any:
     return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
 
 
-def _range(record: type, name: str) -> Any:
-    """Declare a range that replaces a field of a door or its closer, or None."""
-    limits = 2 * (allowed_range(record, name),)
-    return dataclasses.field(default=None, metadata={_LIMITS: limits})
-
-
-def _stds(record: type, first: str, second: str) -> Any:
-    """Declare two standard deviations, which are fields of a record."""
-    limits = allowed_range(record, first), allowed_range(record, second)
-    return dataclasses.field(default=(0.0, 0.0), metadata={_LIMITS: limits})
-
-
-def _delay() -> Any:
-    most = allowed_range(Variation, "delay").high
-    return quantity(0, unit="control periods", low=0, high=most)
+def _pair(record: type, first: str, second: str = "") -> Any:
+    """Declare a range that replaces a field, or None; or two standard deviations."""
+    limits = allowed_range(record, first), allowed_range(record, second or first)
+    default = (0.0, 0.0) if second else None
+    return dataclasses.field(default=default, metadata={_LIMITS: limits})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,19 +63,19 @@ class DoorRandomization:
     the placement or the sensors allow, a TypeError if a field is not of numbers.
     """
 
-    radius: Pair | None = _range(DoorConfig, "radius")
+    radius: Pair | None = _pair(DoorConfig, "radius")
     """Handle-to-hinge distance [m]."""
-    hinge_friction: Pair | None = _range(DoorConfig, "hinge_friction")
+    hinge_friction: Pair | None = _pair(DoorConfig, "hinge_friction")
     """Coulomb friction of the hinge [N m]."""
-    hinge_damping: Pair | None = _range(DoorConfig, "hinge_damping")
+    hinge_damping: Pair | None = _pair(DoorConfig, "hinge_damping")
     """Viscous friction of the hinge [N m s/rad]."""
-    closer_stiffness: Pair | None = _range(Closer, "stiffness")
+    closer_stiffness: Pair | None = _pair(Closer, "stiffness")
     """Closing torque that grows with the angle [N m/rad]."""
-    closer_preload: Pair | None = _range(Closer, "preload")
+    closer_preload: Pair | None = _pair(Closer, "preload")
     """Constant closing torque [N m]."""
-    panel_mass: Pair | None = _range(DoorConfig, "panel_mass")
+    panel_mass: Pair | None = _pair(DoorConfig, "panel_mass")
     """Mass of the leaf [kg]."""
-    handle_height: Pair | None = _range(DoorConfig, "handle_height")
+    handle_height: Pair | None = _pair(DoorConfig, "handle_height")
     """Height of the handle above the floor [m]."""
     base_position: float = _half_width("base_x")
     """Placement error of the base in x and y, each within ± this [m]."""
@@ -94,16 +85,16 @@ class DoorRandomization:
     """Error of the grasped point along the bar within ± this [m]."""
     grasp_depth: float = _half_width("grasp_depth")
     """Error of the bar's position between the finger pads within ± this [m]."""
-    pose_noise: Pair = _stds(SensorNoise, "position", "rotation")
+    pose_noise: Pair = _pair(SensorNoise, "position", "rotation")
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
-    wrench_noise: Pair = _stds(SensorNoise, "force", "torque")
+    wrench_noise: Pair = _pair(SensorNoise, "force", "torque")
     """Standard deviation of the observed force [N] and torque [N m]."""
-    perception: Pair = _stds(Perception, "position", "rotation")
+    perception: Pair = _pair(Perception, "position", "rotation")
     """Standard deviations of the error of the believed grasp: position [m] and rotation
     vector [rad], per axis, truncated at three. Only with ``start="approach"``."""
-    shortest_delay: int = _delay()
+    shortest_delay: int = quantity(0, unit="control periods", low=0, high=10)
     """Commands take effect after this many control periods or more ..."""
-    longest_delay: int = _delay()
+    longest_delay: int = quantity(0, unit="control periods", low=0, high=10)
     """... at most after this many."""
     doors: Doors = "given"
     """``"given"``: the environment's door, changed by the ranges above; ``"standard"``:
@@ -144,13 +135,20 @@ class DoorRandomization:
                 'reaching for it: it needs start="approach" (--start approach)'
             )
 
-    def outermost(self, door: DoorConfig) -> DoorConfig:
-        """Return the door with the highest handle farthest from the hinge."""
+    def outermost(self, door: DoorConfig) -> list[DoorConfig]:
+        """Return the doors of each kind with the highest handle farthest out."""
+        doors = [door]
+        if self.doors == "standard":
+            width, backset = max(LEAVES)
+            far = leaf(width, backset=backset) | {"handle_height": _HEIGHTS[1]}
+            kinds: Any = itertools.product(_HANDLES, _SWINGS, _SIDES)
+            names = "handle", "swing", "hinge_side"
+            doors = [
+                DoorConfig(**far, **dict(zip(names, k, strict=True))) for k in kinds
+            ]
         drawn = {"radius": self.radius, "handle_height": self.handle_height}
-        ends: dict[str, Any] = {
-            name: pair[1] for name, pair in drawn.items() if pair is not None
-        }
-        return door.replaced(ends)
+        ends = {name: pair[1] for name, pair in drawn.items() if pair is not None}
+        return [other.replaced(ends) for other in doors]
 
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode; the number of draws depends only on `doors`."""
@@ -221,6 +219,9 @@ LEAVES: Final = (
 """Width of a leaf and its backset [m]: DIN 18101 and 18251, ANSI A250 and A156.2."""
 
 _HANDLES: Final = {"lever": 0.4, "knob": 0.375, "bar": 0.225}
+_SWINGS: Final = {"pull": 0.5, "push": 0.5}
+_SIDES: Final = {"right": 0.5, "left": 0.5}
+_HEIGHTS: Final = (0.865, 1.07)
 _CONSTRUCTIONS: Final = ("honeycomb", "tubular-strips", "tubular-core", "chipboard")
 _BEARINGS: Final = {"ball": 0.5, "plain": 0.4, "worn": 0.1}
 _CLOSERS: Final = {"none": 0.6, "spring hinge": 0.1, "EN 1154": 0.3}
@@ -238,9 +239,9 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
     fields |= {
         "handle": handle,
         "latch": "none" if handle == "bar" else "spring",
-        "swing": _choice({"pull": 0.5, "push": 0.5}, rng),
-        "hinge_side": _choice({"right": 0.5, "left": 0.5}, rng),
-        "handle_height": rng.uniform(0.865, 1.07),
+        "swing": _choice(_SWINGS, rng),
+        "hinge_side": _choice(_SIDES, rng),
+        "handle_height": rng.uniform(*_HEIGHTS),
         "hinge_damping": rng.uniform(0.1, 1.0),
         "stiction": rng.uniform(0.0, 4.0),
         "seal": rng.uniform(0.0, 3.0),

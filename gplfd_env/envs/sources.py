@@ -73,7 +73,8 @@ class Sources:
         doors, randomizations, disturbances = self.values.values()
         for door, randomization in set(zip(doors, randomizations, strict=True)):
             randomization.check_start(self.start)
-            check_reach(randomization.outermost(door), self.robot, self.start)
+            for outermost in randomization.outermost(door):
+                check_reach(outermost, self.robot, self.start)
         for door, disturbance in zip(doors, disturbances, strict=True):
             if not (disturbance.idle or MOTIONS[door.motion].upright_hinge):
                 upright = (name for name in MOTIONS if MOTIONS[name].upright_hinge)

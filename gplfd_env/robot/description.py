@@ -24,7 +24,6 @@ from gplfd_env.robot.config import RobotConfig, grasp_axes
 
 ASSETS: Final = ("tiago_like.urdf", "panda_like.urdf", "ur5e_like.urdf")
 """Descriptions of the robots of this project."""
-
 PAD_BEHIND: Final = 0.02
 """How far the middle of a finger pad is behind the grasped point [m]."""
 
@@ -36,7 +35,7 @@ _TAKEN: Final = re.compile(
     "gripper_(left|right)_finger_(joint|link)"
 )
 _MESHES: Final = (".stl", ".obj", ".dae", ".ply", ".glb", ".off")
-_LARGEST: Final = 50 << 20  # Kinds and greatest size of a mesh that is read [bytes].
+_LARGEST: Final = 50 << 20  # Greatest size of a mesh that is read [bytes].
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
 

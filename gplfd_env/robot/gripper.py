@@ -9,16 +9,13 @@ from gplfd_env.doors.config import DoorConfig, held_radius
 
 SPEED: Final = 0.1
 """Rate limit of the commanded width: 0.05 m/s per finger, as on TIAGo [m/s]."""
-
 AT_HANDLE: Final = (0.01, 0.1)
 """A gripper without a command closes if the hand is within this distance of the pose of
 the closed grasp [m, rad]."""
-
 AT_REST: Final = (0.09, 0.002, 0.25)
 """If the handle's position is uncertain, a gripper without a command closes when the
 hand is within this distance of the believed grasp [m] and has moved by less than this
 [m] for this long [s] ..."""
-
 RELEASE_DISTANCE: Final = 0.04
 """... and opens again when the hand, holding nothing, is this far from that place
 [m]."""

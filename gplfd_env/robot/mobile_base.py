@@ -28,7 +28,6 @@ WHEELS: Final = {
 
 WHEEL_FORCE: Final = 6.0 / 0.0762
 """Greatest force of one wheel: torque of its motor over its radius [N]."""
-
 WHEEL_LEVER: Final = 0.2236 + 0.244
 """Lever arm of a wheel's force about the vertical: half of (track + wheelbase) [m]."""
 
@@ -43,7 +42,6 @@ HARD_STOP: Final = (0.005, 1.0)
 """Time constant [s] and damping ratio of the joint limits of hinge and fingers with a
 mobile base: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that
 runs into the leaf presses it into the frame by more than a degree."""
-
 SOFT_STOP: Final = (0.015, 1.0)
 """The same for a stop that a disturbance sets."""
 

@@ -21,17 +21,14 @@ from gplfd_env.robot.placement import gripper_rotation_w, quaternion, task_rotat
 
 SERVO_STIFFNESS: Final = (2000.0, 100.0)
 """Cartesian servo: translation [N/m], rotation [N m/rad]."""
-
 SERVO_DAMPING: Final = (179.0, 7.7)
 """Cartesian servo: translation [N s/m], rotation [N m s/rad]."""
 
 TRANSLATION_SERVOS: Final = ("servo_x", "servo_y", "servo_z")
 ROTATION_SERVOS: Final = tuple(f"servo_rotation_{axis}" for axis in "xyz")
 """One servo per axis of the hand's rotation vector, under impedance control."""
-
 WRENCH_LIMITS: Final = (500.0, 50.0)
 """Saturation of the wrist sensor: force [N], torque [N m], per axis."""
-
 COMMAND_LIMITS: Final = (1.0, math.pi / 2)
 """Largest commanded displacement [m] and rotation vector component [rad] per axis."""
 
@@ -46,14 +43,11 @@ _RUBBER: Final = (0.22, 0.22, 0.23, 1.0)
 
 Grasp = Literal["contact", "weld"]
 """Friction between the finger pads and the bar, or a rigid joint."""
-
 Hold = Literal["contact", "weld", "gripper"]
 """How a scene holds the handle: a `Grasp`, or ``"gripper"``, friction of fingers that
 open and close during an episode."""
-
 SIDES: Final = ("right", "left")
 """Sides of the fingers, in the order of `RobotConfig.fingers`."""
-
 GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""
 

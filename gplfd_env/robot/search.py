@@ -28,13 +28,12 @@ from gplfd_env.robot.description import described_robot
 _TRIES: Final = 11  # Logarithm to base 2 of the number of tries in the first round.
 # Spread of the tries of later rounds, as a share of the ranges.
 _SPREADS: Final = (*np.geomspace(0.2, 0.012, 9), 0.0)
-_BEST: Final = 16
 # Best tries of a round, and tries of the next round around each of them.
+_BEST: Final = 16
 _AROUND: Final = 16
-_WELL: Final = 0.7  # Share of the greatest quality at which a search ends early.
-_OPENED: Final = np.radians(np.linspace(0.0, 72.0, 16))
-# Angles of the opening door [rad]; how many suffice if no arm follows all (62°).
-_ENOUGH: Final = 14
+# Share of the greatest quality that an opening needs, and at which a search ends early.
+_QUALITY: Final = (0.15, 0.7)
+_OPENED: Final = np.radians(np.linspace(0.0, 68.0, 16))  # What an arm follows [rad].
 # Distances from the hinge that a stance may serve, the best one first [m].
 _RADII: Final = (0.65, 0.5, 0.35)
 # Height of the handle with a fixed base; least and greatest with a mobile one [m].
@@ -69,6 +68,7 @@ class _Arm(NamedTuple):
     lift: Array  # Range of the lift (2,) [m].
 
     @classmethod
+    @lru_cache(maxsize=8)
     def of(cls, robot: RobotConfig) -> "_Arm":
         model = described_robot(robot).compile()
         data = mujoco.MjData(model)
@@ -238,6 +238,20 @@ class _Tries(NamedTuple):
                 break
         return scores + 0.99 * fractions, first, postures
 
+    def stance(self, row: int, radius: float, height: float) -> Stance:
+        """Return a try as a stance."""
+        x, y, z = self.handles[row].tolist()
+        return Stance(
+            handle_xy_w=(x, y),
+            door_yaw=float(self.yaws[row]),
+            grasp_yaw=float(self.grasp_yaws[row]),
+            roll=float(self.rolls[row]),
+            below_handle=z,
+            closed_posture=tuple(self.postures[row].tolist()),
+            radius=radius,
+            height=height,
+        )
+
 
 def _search(
     robot: RobotConfig,
@@ -245,7 +259,7 @@ def _search(
     path: Array,
     moments: Sequence[str],
     *,
-    enough: int,
+    least: float,
     radius: float = 0.0,
     place: Array | None = None,
     yaw: float = 0.0,
@@ -253,8 +267,9 @@ def _search(
     """Return the best tries that follow a path of the hand, and their scores.
 
     With a `radius` [m] the base is clear of the leaf; with a `place` (3,) [m] the
-    handle is there, with the heading `yaw` [rad] into the door. If none reaches
-    `enough` poses, raises a ValueError that says where and why the best one ends.
+    handle is there, with the heading `yaw` [rad] into the door. If no
+    score reaches `least`, raises a ValueError that says where and why the best one
+    ends.
     """
     arm, rng = _Arm.of(robot), np.random.default_rng(0)
     points = qmc.Sobol(6 + len(arm.axes), scramble=False).random_base2(_TRIES)
@@ -269,42 +284,29 @@ def _search(
             points, tries = points[kept], _Tries(*(values[kept] for values in tries))
         scores, first, last = tries.follow(arm, path)
         best = scores.argsort(kind="stable")[::-1][:_BEST]
-        if not spread or scores[best[0]] > len(path) + _WELL:
+        if not spread or scores[best[0]] > len(path) + _QUALITY[1]:
             break
         # The next round starts from the postures that were reached.
         points[:, 6:] = (first - arm.low) / (arm.high - arm.low)
         around = points[best].repeat(_AROUND, axis=0)
         around += spread * rng.standard_normal(around.shape)
         points = np.clip(np.vstack([points[best], around]), 0.0, 1.0)
-    number, end = int(scores[best[0]]), last[best[0]]
-    if number < enough:
+    if scores[best[0]] < least:
+        number, end = min(int(scores[best[0]]), len(path) - 1), last[best[0]]
         places, _, _, loads = arm.hand(end[None])
         away = tries.poses(path[number])[0][best[0]] - places[0]
-        stuck = np.minimum(end - arm.low, arm.high - end) < 1.01 * _MARGIN
-        ends, heavy = np.array(robot.arm)[stuck], np.array(robot.arm)[loads[0] > _LOAD]
-        cause = f"{' and '.join(ends)} at a limit" if len(ends) else "the arm too short"
-        if len(heavy):
-            cause = f"the arm too heavy for the effort of {' and '.join(heavy)}"
+        causes = (
+            (loads[0] > _LOAD, "too heavy for its effort"),
+            (np.minimum(end - arm.low, arm.high - end) < 0.1, "at a limit"),
+            (end == end, "stretched"),
+        )
+        joints, cause = next((are, cause) for are, cause in causes if are.any())
         raise ValueError(
-            f"{moments[number]} {cause}, where the hand stays "
-            f"{away.round(2).tolist()} m of the base's axes away"
+            f"{moments[number]} {' and '.join(np.array(robot.arm)[joints])} {cause}; "
+            f"the hand stays {away.round(2).tolist()} m of the base's axes away"
         )
     tries = tries._replace(postures=first)
     return _Tries(*(values[best] for values in tries)), scores[best]
-
-
-def _stance(tries: _Tries, best: int, radius: float, height: float) -> Stance:
-    x, y, z = tries.handles[best].tolist()
-    return Stance(
-        handle_xy_w=(x, y),
-        door_yaw=float(tries.yaws[best]),
-        grasp_yaw=float(tries.grasp_yaws[best]),
-        roll=float(tries.rolls[best]),
-        below_handle=z,
-        closed_posture=tuple(tries.postures[best].tolist()),
-        radius=radius,
-        height=height,
-    )
 
 
 def at_frame(
@@ -336,13 +338,11 @@ def at_frame(
             f"{door.handle_height:g} m above the floor, but the stand lifts the base "
             f"from {lowest:g} to {highest:g} m; give a door with another handle_height"
         )
-    yaw, moments = (
-        math.atan2(-axes[1, 0], -axes[0, 0]),
-        [f"at {t:.2f} s" for t in times],
-    )
+    yaw = math.atan2(-axes[1, 0], -axes[0, 0])
+    moments = [f"at {time:.2f} s" for time in times]
     try:
         tries, _ = _search(
-            robot, group, path, moments, enough=len(path), place=place, yaw=yaw
+            robot, group, path, moments, least=len(path), place=place, yaw=yaw
         )
     except ValueError as error:
         raise ValueError(
@@ -350,7 +350,7 @@ def at_frame(
             f"{np.round(task[:3], 3).tolist()} m in the base frame: {error}; move "
             "the base by that, and give the pose of the task frame from there"
         ) from None
-    stance = _stance(tries, 0, math.inf, math.inf)
+    stance = tries.stance(0, math.inf, math.inf)
     return replace(robot, stances=((group, stance),))
 
 
@@ -365,10 +365,10 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
         turned = np.zeros((7, 6))
         turned[:, 4] = [0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5]
         try:
-            tries, _ = _search(robot, group, turned, ["at the handle"] * 7, enough=7)
+            tries, _ = _search(robot, group, turned, ["at the handle"] * 7, least=7)
         except ValueError as error:
             return str(error)
-        return _stance(tries, 0, 1.05, _HEIGHTS[2])
+        return tries.stance(0, 1.05, _HEIGHTS[2])
     side = -1.0 if group.hinge_side == "left" else 1.0
     way = 1.0 if group.swing == "pull" else -1.0
     opening = np.zeros((len(_RADII), len(_OPENED), 6))
@@ -379,9 +379,10 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
         moments = [
             f"at {a:.0f}° of a door of {radius:g} m" for a in np.degrees(_OPENED)
         ]
+        least = len(_OPENED) + _QUALITY[0]
         try:
             tries, scores = _search(
-                robot, group, opening[number], moments, enough=_ENOUGH, radius=radius
+                robot, group, opening[number], moments, least=least, radius=radius
             )
         except ValueError as error:
             reason = str(error)
@@ -390,5 +391,5 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
             scores = scores + tries.follow(_Arm.of(robot), nearer)[0]
         best = int(scores.argmax())
         height = float(tries.handles[best, 2] + _Arm.of(robot).lift[1])
-        return _stance(tries, best, radius, min(_HEIGHTS[2], height))
+        return tries.stance(best, radius, min(_HEIGHTS[2], height))
     return reason

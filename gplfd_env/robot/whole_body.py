@@ -29,22 +29,16 @@ from gplfd_env.robot.placement import task_rotation_w
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
-
 Axes = list[list[float]]
 """Three unit vectors."""
-
 SPEED: Final = (1.0, 2.09)
 """Greatest speed of the base [m/s, rad/s]."""
-
 ACCELERATION: Final = (1.0, 2.09)
 """Greatest acceleration of the base [m/s², rad/s²]."""
-
 LAG: Final = 0.3
 """Time constant with which the base reduces its distance to the target [s]."""
-
 DEAD_BAND: Final = (0.04, 0.07)
 """Dead band: distance from the target within which the base stands still [m, rad]."""
-
 TURN: Final = (0.3, 1.0)
 """c: share of the hand's yaw that the base takes when the hand moves away, or towards
 it."""

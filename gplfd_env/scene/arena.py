@@ -15,13 +15,10 @@ from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
-
 CASING: Final = 0.11
 """Width of frame and casing beyond the leaf [m]."""
-
 DOOR_HEIGHT: Final = 2.00
 """Height of every leaf [m]."""
-
 FLAP_WIDTH: Final = 0.60
 """Width of a leaf that turns about a level hinge [m]."""
 
@@ -31,8 +28,8 @@ _FIELD_OF_VIEW: Final = math.radians(40.0)
 _MARGIN: Final = 1.03
 # Opening angles at which leaf and robot have to be in the picture.
 _SHOWN_ANGLES: Final = np.radians(np.linspace(0.0, 75.0, 6))
-_BASE_SIZE: Final = (0.29, 0.35)
 # Radius and height of upright cylinders around the robot's base and head [m].
+_BASE_SIZE: Final = (0.29, 0.35)
 _HEAD_SIZE: Final = (0.18, 1.55)
 
 
@@ -156,27 +153,23 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     for depth in (-0.08, 0.08):
         wall = hinge + (depth - door.leaf.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
-    upright_hinge = MOTIONS[door.motion].upright_hinge
-    if not upright_hinge:
-        links, closed = links_of(door), np.zeros((2, 6))
-        closed[:, 2] = door.hinge_sign * np.array([-door.radius, door.leaf.backset])
-        if door.motion == "folding":
-            closed[0, 2] = -door.hinge_sign * door.fold_distance
-        elif door.level:
-            closed[:, 2] = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
-        for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
-            leaf += list(floor + carried(links, angle, closed)[:, :3] @ axes.T)
-            moved = carried(links, angle, np.zeros(6))[:3] * [1.0, 0.0, 1.0]
-            around_robot.append(axes @ moved + outline)
-    for angle in _SHOWN_ANGLES if upright_hinge else ():
-        sine, cosine = math.sin(angle), math.cos(angle)
-        along = cosine * to_lock + door.swing_sign * sine * axes[:, 0]
-        leaf.append(hinge + (door.radius + door.leaf.backset) * along)
-        if robot.base == "mobile" and door.swing == "pull":
-            turned = door.hinge_sign * sine * np.cross([0.0, 0.0, 1.0], -hinge)
+    links, ends = links_of(door), np.zeros((3, 6))
+    ends[1:, 2] = door.hinge_sign * np.array([-door.radius, door.leaf.backset])
+    if door.motion == "folding":
+        ends[1, 2] = -door.hinge_sign * door.fold_distance
+    elif door.level:
+        ends[1:, 2] = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
+    for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
+        moved, *opened = carried(links, angle, ends)[:, :3]
+        leaf += list(floor + opened @ axes.T)
+        if robot.base == "fixed":
+            continue
+        if MOTIONS[door.motion].upright_hinge and door.swing == "pull":
+            sine, cosine = door.hinge_sign * math.sin(angle), math.cos(angle)
+            turned = sine * np.cross([0.0, 0.0, 1.0], -hinge)
             around_robot.append(hinge - cosine * hinge + turned + outline)
-        elif robot.base == "mobile":
-            around_robot.append(door.hand_radius * (along - to_lock) + outline)
+        else:
+            around_robot.append(axes @ (moved * [1.0, 0.0, 1.0]) + outline)
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]
     points: Array = np.concatenate([leaf, leaf + high, *around_robot])
     return points

@@ -5,7 +5,7 @@ have neither mass nor contact.
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -95,16 +95,12 @@ def add_door(
     )
     grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
-    # Edges of the leaf at hinge and lock: relative to the handle's axis, and in z of
-    # the frame [m].
+    # Edges of the leaf at hinge and lock, relative to the handle's axis [m].
     edges = -door.radius - door.overhang, door.leaf.backset
-    hinge_z, lock_z = (door.hinge_sign * (edge + door.hand_offset) for edge in edges)
-    if door.level:
-        hinge_z, lock_z = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
+    hinge_z, lock_z = _edges(door)
     _add_frame(frame, door, hinge_z, lock_z)
 
     leaf = _add_joints(spec, frame, door, robot)
-    top = DOOR_HEIGHT - door.handle_height
     if door.level:
         _add_flap(frame, leaf, door)
     elif door.motion == "folding":
@@ -119,7 +115,7 @@ def add_door(
         if door.motion in ("sliding", "parallel-sliding"):
             # The rail on which the leaf hangs, above and beside the opening.
             far = hinge_z - door.hinge_sign * door.clear_width
-            place = [-door.leaf.handle_standoff, top + 0.025, (far + lock_z) / 2]
+            place = [-door.leaf.handle_standoff, _top(door) + 0.025, (far + lock_z) / 2]
             size = [door.leaf.thickness, 0.02, abs(lock_z - far) / 2]
             add_box(frame, "rail", place, size, STEEL)
         else:
@@ -135,14 +131,7 @@ def add_door(
         add_latch(spec, frame, leaf, door, lock_z, robot.base)
     add_closer(spec, door, tendons=structure.closer)
 
-    if structure.closer:
-        add_closer_visuals(spec, frame, leaf, door, top)
-    if structure.latched:
-        add_lock_plate(leaf, door)
-    if door.handle != "bar":
-        add_building_visuals(frame, leaf, door, (hinge_z, lock_z), top)
-    if door.handle in ("lever", "knob"):
-        add_far_handle(leaf, spec.body("handle"), door)
+    _add_visuals(spec, frame, leaf, door, structure)
 
 
 def _add_joints(
@@ -319,7 +308,11 @@ def set_door_physics(
     mujoco.mj_setConst(model, data)
     set_closer(model, door)
     if has_tendons(door):
-        show_closer(model, door)
+        opacity, radius = _looks_of_closer(door)
+        for part in _CLOSER_PARTS:
+            model.geom_rgba[model.geom(part).id, 3] = opacity
+        arm = model.tendon(CLOSER_ARM).id
+        model.tendon_rgba[arm, 3], model.tendon_width[arm] = opacity, radius
     rolling = door.mechanism.roller_friction
     if rolling > 0.0:
         model.tendon_frictionloss[model.tendon("rollers").id] = rolling
@@ -355,7 +348,6 @@ def _steiner(offset: Array) -> Array:
 
 GROUP: Final = 2
 """Visual-only geom group."""
-
 CLOSER_ARM: Final = "closer_arm"
 """Tendon that joins the geoms of a closer."""
 
@@ -364,111 +356,98 @@ _PAINT: Final = (0.96, 0.96, 0.94, 1.0)
 _PANEL: Final = (0.72, 0.57, 0.40, 1.0)
 _BRASS: Final = (0.72, 0.64, 0.42, 1.0)
 _ALUMINIUM: Final = (0.66, 0.68, 0.70)
-_ARM_RADIUS: Final = 0.007
 
 
-def add_building_visuals(
-    frame: mujoco.MjsBody,
-    leaf: mujoco.MjsBody,
-    door: DoorConfig,
-    edges: tuple[float, float],
-    top: float,
-) -> None:
-    """Add the casing around the opening, raised panels and the lock.
-
-    The edges of the leaf are in z of the frame, its top in y [m].
-    """
-    wide, gap, deep, side = 0.035, 0.013, 0.072, door.hinge_sign
-    hinge, lock = edges[0] - side * (gap + wide), edges[1] + side * (gap + wide)
-    floor, x = -door.handle_height, -door.leaf.handle_standoff
-    middle, half = (floor + top) / 2.0, (top - floor) / 2.0
-    above, across = top + gap + wide, abs(lock - hinge) / 2.0 + wide
-    for name, y, z, height, width in (
-        ("casing_hinge", middle, hinge, half, wide),
-        ("casing_lock", middle, lock, half, wide),
-        ("casing_top", above, (hinge + lock) / 2.0, wide, across),
-    ):
-        add_box(frame, name, [x, y, z], [deep, height, width], _PAINT, group=GROUP)
-    thick, free_edge = door.leaf.thickness / 2.0, door.radius + door.leaf.backset
-    width = door.leaf.backset - (-door.radius - door.overhang)
-    z = side * (free_edge - width / 2.0)
-    for name, low, high in (
-        ("panel_lower", floor + 0.20, floor + 0.84),
-        ("panel_upper", floor + 1.02, floor + 1.84),
-    ):
-        size = [thick + 0.004, (high - low) / 2.0, width / 2.0 - 0.11]
-        add_box(leaf, name, [x, (low + high) / 2.0, z], size, _PANEL, group=GROUP)
-    reach = side * door.radius
-    ends = [x - (thick + 0.006), -0.09, reach, x + (thick + 0.006), -0.09, reach]
-    add_rod(leaf, "lock_cylinder", ends, 0.014, _BRASS, group=GROUP)
-
-
-def add_far_handle(
-    leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
-) -> None:
-    """Add the mirrored handle on the other side of the leaf."""
-    far, reach = -2.0 * door.leaf.handle_standoff, door.hinge_sign * door.radius
-    foot = -door.leaf.handle_standoff - door.leaf.thickness / 2.0
-    shown: Any = {"group": GROUP}
-    add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, **shown)
-    if door.handle == "lever":
-        end = -door.hinge_sign * (door.lockset.handle_length - BAR_RADIUS)
-        kind, ends = mujoco.mjtGeom.mjGEOM_CAPSULE, [far, 0.0, 0.0, far, 0.0, end]
-        add_rod(handle, "far_handle", ends, BAR_RADIUS, type=kind, **shown)
-    else:
-        ball, size = mujoco.mjtGeom.mjGEOM_SPHERE, [KNOB_RADIUS, 0, 0]
-        add_box(handle, "far_handle", [far, 0, 0], size, STEEL, type=ball, **shown)
-    rose = [foot, 0.0, reach, foot - 0.008, 0.0, reach]
-    add_rod(leaf, "far_rose", rose, 0.026, **shown)
-
-
-def add_lock_plate(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    """Add the plate around the bolt on the leaf's free edge."""
-    edge = door.hinge_sign * (door.radius + door.leaf.backset)
-    place, size = [-door.leaf.handle_standoff, 0.0, edge], [0.010, 0.10, 0.0008]
-    add_box(leaf, "lock_plate", place, size, STEEL, group=GROUP)
-
-
-def add_closer_visuals(
+def _add_visuals(
     spec: mujoco.MjSpec,
     frame: mujoco.MjsBody,
     leaf: mujoco.MjsBody,
     door: DoorConfig,
-    top: float,
+    structure: Structure,
 ) -> None:
-    """Add a closer's box on the leaf, its shoe on the frame, and a tendon as its arm.
+    """Add closer, lock, casing around the opening, raised panels, and far handle."""
+    side, x, top = door.hinge_sign, -door.leaf.handle_standoff, _top(door)
+    free_edge, reach = door.radius + door.leaf.backset, side * door.radius
+    thick, floor, seen = (
+        door.leaf.thickness / 2.0,
+        -door.handle_height,
+        {"group": GROUP},
+    )
+    if structure.closer:
+        opacity, radius = _looks_of_closer(door)
+        colour, out, above = (*_ALUMINIUM, opacity), x + thick + 0.022, top - 0.065
+        box, size = [out, above, side * 0.20], [0.022, 0.027, 0.125]
+        add_box(leaf, _CLOSER_PARTS[0], box, size, colour, **seen)
+        place = [out, top - 0.03, side * 0.24]
+        leaf.add_site(name="closer_spindle", pos=place, **UNDRAWN)
+        shoe = [0.084 + x, top + 0.03, side * (0.42 - door.hand_radius)]
+        add_box(frame, _CLOSER_PARTS[1], shoe, [0.012, 0.012, 0.03], colour, **seen)
+        frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
+        # Otherwise the resting length would be that of the compiled door.
+        looks = {"width": radius, "rgba": colour, "springlength": [0.0, 0.0]}
+        arm = spec.add_tendon(name=CLOSER_ARM, **looks)
+        arm.wrap_site("closer_spindle")
+        arm.wrap_site("closer_foot")
+    if structure.latched:
+        plate, size = [x, 0.0, side * free_edge], [0.010, 0.10, 0.0008]
+        add_box(leaf, "lock_plate", plate, size, STEEL, **seen)
+    if door.handle == "bar":
+        return
+    wide, gap = 0.035, 0.013
+    hinge, lock = (
+        z + turn * side * (gap + wide)
+        for z, turn in zip(_edges(door), (-1, 1), strict=True)
+    )
+    across = abs(lock - hinge) / 2.0 + wide
+    for name, y, z, high, half in (
+        ("casing_hinge", (floor + top) / 2.0, hinge, (top - floor) / 2.0, wide),
+        ("casing_lock", (floor + top) / 2.0, lock, (top - floor) / 2.0, wide),
+        ("casing_top", top + gap + wide, (hinge + lock) / 2.0, wide, across),
+    ):
+        add_box(frame, name, [x, y, z], [0.072, high, half], _PAINT, **seen)
+    width = free_edge + door.radius + door.overhang
+    z = side * (free_edge - width / 2.0)
+    for name, low, upper in (
+        ("panel_lower", floor + 0.20, floor + 0.84),
+        ("panel_upper", floor + 1.02, floor + 1.84),
+    ):
+        size = [thick + 0.004, (upper - low) / 2.0, width / 2.0 - 0.11]
+        add_box(leaf, name, [x, (low + upper) / 2.0, z], size, _PANEL, **seen)
+    ends = [x - (thick + 0.006), -0.09, reach, x + (thick + 0.006), -0.09, reach]
+    add_rod(leaf, "lock_cylinder", ends, 0.014, _BRASS, **seen)
+    if door.handle not in ("lever", "knob"):
+        return
+    far, foot, handle = 2.0 * x, x - thick, spec.body("handle")
+    add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, **seen)
+    if door.handle == "lever":
+        end = -side * (door.lockset.handle_length - BAR_RADIUS)
+        kind, ends = mujoco.mjtGeom.mjGEOM_CAPSULE, [far, 0.0, 0.0, far, 0.0, end]
+        add_rod(handle, "far_handle", ends, BAR_RADIUS, type=kind, **seen)
+    else:
+        ball, size = mujoco.mjtGeom.mjGEOM_SPHERE, [KNOB_RADIUS, 0, 0]
+        add_box(handle, "far_handle", [far, 0, 0], size, STEEL, type=ball, **seen)
+    add_rod(
+        leaf, "far_rose", [foot, 0.0, reach, foot - 0.008, 0.0, reach], 0.026, **seen
+    )
 
-    Doors without a visible closer have the same parts, but transparent.
-    """
-    opacity, radius = _looks_of_closer(door)
-    colour, side = (*_ALUMINIUM, opacity), door.hinge_sign
-    x = -door.leaf.handle_standoff + door.leaf.thickness / 2.0 + 0.022
-    box, size = [x, top - 0.065, side * 0.20], [0.022, 0.027, 0.125]
-    add_box(leaf, _CLOSER_PARTS[0], box, size, colour, group=GROUP)
-    leaf.add_site(name="closer_spindle", pos=[x, top - 0.03, side * 0.24], **UNDRAWN)
-    foot = 0.084 - door.leaf.handle_standoff
-    shoe, size = [foot, top + 0.03, side * (0.42 - door.hand_radius)], [0.012, 0.012]
-    add_box(frame, _CLOSER_PARTS[1], shoe, [*size, 0.03], colour, group=GROUP)
-    frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
-    # Otherwise the resting length would be that of the compiled door.
-    looks = {"width": radius, "rgba": colour, "springlength": [0.0, 0.0]}
-    arm = spec.add_tendon(name=CLOSER_ARM, **looks)
-    arm.wrap_site("closer_spindle")
-    arm.wrap_site("closer_foot")
+
+def _top(door: DoorConfig) -> float:
+    """Return the height of the leaf's top above the handle [m]."""
+    return DOOR_HEIGHT - door.handle_height
 
 
-def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Show or hide the closer of a compiled scene."""
-    opacity, radius = _looks_of_closer(door)
-    for part in _CLOSER_PARTS:
-        model.geom_rgba[model.geom(part).id, 3] = opacity
-    arm = model.tendon(CLOSER_ARM).id
-    model.tendon_rgba[arm, 3], model.tendon_width[arm] = opacity, radius
+def _edges(door: DoorConfig) -> tuple[float, float]:
+    """Return the edges of the leaf at hinge and lock, in z of the frame [m]."""
+    if door.level:
+        return -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
+    hinge, lock = -door.radius - door.overhang, door.leaf.backset
+    shift = door.hand_offset
+    return door.hinge_sign * (hinge + shift), door.hinge_sign * (lock + shift)
 
 
 def _looks_of_closer(door: DoorConfig) -> tuple[float, float]:
     """Return opacity and arm radius [m]; only a hydraulic closer is visible."""
     if door.closer.closing_damping + door.closer.backcheck_damping > 0.0:
-        return 1.0, _ARM_RADIUS
+        return 1.0, 0.007
     # A transparent tendon would still cast a shadow, and MuJoCo rejects a zero radius.
     return 0.0, 1e-5

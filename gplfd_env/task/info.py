@@ -54,6 +54,5 @@ INFO: Final[Mapping[str, Entry]] = {
 
 TEXTS: Final = tuple(name for name, entry in INFO.items() if entry.kind is str)
 """Keys whose values are text."""
-
 VECTORS: Final = tuple(name for name, entry in INFO.items() if entry.kind is _ARRAY)
 """Keys whose values are vectors."""

@@ -14,13 +14,10 @@ from gplfd_env.conventions.one_and_many import Flag, Number, magnitude, negated,
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)
 """Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so
 that an agent that follows one with some lag still succeeds."""
-
 HOLD_TIME: Final = 0.5
 """Time for which the angle must be held while the hand holds the handle [s]."""
-
 GRASP_LOST_TIME: Final = 0.25
 """The handle counts as lost after this time without contact of both pads [s]."""
-
 TRIED_ANGLE: Final = math.radians(5.0)
 """If the handle's position is uncertain, a handle that slips from the fingers at an
 opening angle below this does not count as lost: the robot may grasp it again [rad]."""
@@ -28,7 +25,6 @@ opening angle below this does not count as lost: the robot may grasp it again [r
 STALL_ANGLE: Final = math.radians(0.5)
 STALL_TIME: Final = 3.0
 """A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""
-
 STALL_TURN: Final = math.radians(5.0)
 """A door has not stalled if its handle turns further by this [rad] in the same time."""
 

@@ -21,7 +21,6 @@ from gplfd_env.conventions.resets import masked
 
 FORCE_SCALE: Final = 20.0
 """Force whose cost equals the reward of the whole progress [N]: the grasp holds it."""
-
 SLIP_SCALE: Final = 0.02
 """Slip with the same cost [m]: here the handle leaves the fingers."""
 
