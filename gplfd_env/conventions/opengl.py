@@ -21,10 +21,7 @@ def has_display(platform: str, environment: Mapping[str, str]) -> bool:
 
 
 def choose_opengl() -> None:
-    """Let MuJoCo draw by EGL if there is no display; a setting of the user is kept.
-
-    Raises an OSError if MuJoCo cannot be imported with that setting.
-    """
+    """Let MuJoCo draw by EGL without a display; refuse a setting that cannot work."""
     way = os.environ.get("MUJOCO_GL", "").strip().lower()
     if not sys.platform.startswith("linux") or "mujoco" in sys.modules:
         return

@@ -17,10 +17,7 @@ Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
 
 def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, Any]:
-    """Return the options of a reset without those that are None.
-
-    Raises a ValueError that lists the allowed options if one is unknown.
-    """
+    """Return the options of a reset that are not None; refuse unknown ones."""
     if not isinstance(options, Mapping | None):
         raise ValueError(
             f'options must be a mapping such as {{"door": "small"}}, got {options!r}'
@@ -37,10 +34,7 @@ def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, An
 
 
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
-    """Add to each value a mask ``"_key"`` of the rows for which it is valid.
-
-    All values share one mask, also nested ones.
-    """
+    """Add to each value, also nested ones, a mask ``"_key"`` of its valid rows."""
     nested = {
         name: masked(unmasked(value), rows)
         for name, value in values.items()
@@ -63,10 +57,7 @@ def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
 def each(
     name: str, values: Any, n: int | None, resolve: Callable[[Any], Record]
 ) -> list[Record]:
-    """Return one value per simulation from a value for all or a sequence of n.
-
-    For a single environment n is None, and a sequence is not allowed.
-    """
+    """Return a value per simulation from one or n; n is None for a single one."""
     if n is None or not isinstance(values, list | tuple):
         return [resolve(values)] * (n or 1)
     if len(values) != n:

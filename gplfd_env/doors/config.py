@@ -225,10 +225,7 @@ class DoorConfig:
         return changed_fields(self)
 
     def replaced(self, fields: Mapping[str, Any]) -> "DoorConfig":
-        """Return the door with changed fields; a new radius resets its leaf's width.
-
-        A mapping of a part changes only the fields that it names.
-        """
+        """Return the door with changed fields; a new radius resets its leaf's width."""
         door = self
         if "radius" in fields:
             leaf = dataclasses.replace(door.leaf, width=None)

@@ -187,11 +187,7 @@ class Disturbance:
         return self == Disturbance()
 
     def drawn(self, rng: np.random.Generator) -> Disturbance:
-        """Return the disturbance of one episode, each pair replaced by a draw from it.
-
-        One uniform number is drawn for every number, so that disturbances that differ
-        in one range share all other values.
-        """
+        """Return the disturbance of an episode; fixed numbers draw, too."""
         causes = {name: getattr(self, name) for name in CAUSES}
         drawn = {n: draw_ranges(cause, rng) for n, cause in causes.items() if cause}
         return dataclasses.replace(self, **drawn)

@@ -107,11 +107,7 @@ class DoorGeometry:
         position: ArrayLike = (0.0, 0.0, 0.0),
         rotation: ArrayLike = _NOT_TURNED,
     ) -> DoorGeometry:
-        """Return the geometry of a door, by default without placement or grasp error.
-
-        The grasped point is at a position (3,) [m] in the door frame, in which the task
-        frame has the axes `rotation` (3, 3).
-        """
+        """Return a door's geometry for a grasp at a position [m] with axes (3, 3)."""
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
         side, turns = door.hinge_sign, door.handle != "bar"
         hinge = np.array([0.0, 0.0, -side * door.hand_radius])
@@ -211,11 +207,7 @@ class DoorGeometry:
         return math.cos(angle) * self.pull + math.sin(angle) * inwards
 
     def angle(self, position: ArrayLike) -> Array:
-        """Return the opening angles [rad], (...), at hand positions, (..., 3).
-
-        For a leaf without a hinge, those of the nearest points of a path, exact to
-        0.05°.
-        """
+        """Return opening angles [rad], (...), at hand positions, (..., 3), to 0.05°."""
         if self.links:
             path = self.hand_poses(_ANGLES)[:, :3]
             away = np.asarray(position, dtype=np.float64)[..., None, :] - path

@@ -94,10 +94,7 @@ def en1154(size: int, efficiency: float | None = None) -> Closer:
 
 
 def spring_hinge(moment: float = 6.0) -> Closer:
-    """Return a spring hinge without a damper.
-
-    The closing moment at the closed door [N m] doubles over 90°.
-    """
+    """Return a spring hinge; its moment at the closed door [N m] doubles over 90°."""
     return Closer(preload=moment, stiffness=moment / math.radians(90.0))
 
 

@@ -125,10 +125,7 @@ def end_angle(door: DoorConfig) -> float:
 
 
 def roller_way(door: DoorConfig, angles: Array) -> Array:
-    """Return how far the rollers of folding leaves move per φ, at angles φ [m/rad].
-
-    The guided edge is (R + a) cos ψ away from the jamb: they do not move at first.
-    """
+    """Return how far the rollers of folding leaves move per φ, at angles φ [m/rad]."""
     leaves = door.radius + door.leaf.backset
     return np.asarray(leaves * _FOLD_GAIN * np.sin(_FOLD_GAIN * angles))
 
@@ -168,11 +165,7 @@ class LeafPath(NamedTuple):
     def split(
         self, angle: Number, normal: Number, outwards: Number
     ) -> tuple[Number, Number]:
-        """Return a vector's components along the path and across it, at φ [rad].
-
-        The arguments are the components along the leaf's normal and away from the
-        hinge; the component across the path also points away from the hinge.
-        """
+        """Return a vector's components along the path and outwards, at φ [rad]."""
         if not anywhere(negated(self.circle)):
             return normal, outwards
         x, z = (
@@ -205,10 +198,7 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def carried(links: Sequence[Link], angle: ArrayLike, poses: Array) -> Array:
-    """Move poses (..., 6) on the closed leaf with the leaf.
-
-    Links, poses [m, rad] and result are in the same frame; φ [rad] is (...).
-    """
+    """Move poses (..., 6) [m, rad] on the leaf, in the links' frame, by φ [rad]."""
     angles, moved = np.asarray(angle, dtype=np.float64)[..., None], poses.copy()
     for link in reversed(links):
         axis, anchor = np.array(link.axis), np.array(link.anchor)

@@ -62,10 +62,7 @@ _BELIEFS: Final = tuple(field_.name for field_ in dataclasses.fields(Placement))
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Standoff(Quantities):
-    """Initial position of the open hand in front of the handle.
-
-    Its orientation is that of the grasp.
-    """
+    """Initial position of the open hand before the handle, turned as to grasp it."""
 
     distance: float = quantity(0.15, unit="m", low=0.10, high=0.20)
     """Distance from the grasp."""

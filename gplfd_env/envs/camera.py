@@ -14,11 +14,7 @@ _EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLE
 
 
 class Camera:
-    """Renders the state of a model; the renderer is created when it is first needed.
-
-    Copies create their own renderer. Raises a ValueError for an impossible size [px] or
-    an unknown camera.
-    """
+    """Renders the state of a model, off screen or in a window; a copy opens its own."""
 
     _without_opengl: ClassVar[str] = ""
     """Error message if OpenGL failed: a second try makes MuJoCo abort Python."""
@@ -45,10 +41,7 @@ class Camera:
         return vars(self) | {"_renderer": None, "_window": None, "_drawn": None}
 
     def picture(self, mode: str, data: mujoco.MjData) -> Any:
-        """Return a picture in one of the environment's render modes.
-
-        Raises a RuntimeError that says what to install if OpenGL is not available.
-        """
+        """Return a picture in a render mode; raise a RuntimeError without OpenGL."""
         if mode == "human":
             if self._window is None or self._drawn is not data.model:
                 self.close()

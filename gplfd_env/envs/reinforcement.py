@@ -17,11 +17,7 @@ from gplfd_env.wrappers import (
 
 
 def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
-    """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`.
-
-    The arguments are those of `gplfd_env.envs.door_opening.DoorOpeningEnv`; a `reward`
-    raises a ValueError.
-    """
+    """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`."""
     refuse_reward(arguments)
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
 

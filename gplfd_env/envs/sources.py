@@ -24,11 +24,7 @@ from gplfd_env.validation.fields import check_choice
 def commanded_robot(
     command: Command, robot: RobotSpec, base: Base | None, grasp: Grasp, start: Start
 ) -> Robot:
-    """Return the robot that the arguments of an environment describe.
-
-    Raises a ValueError for an unknown choice, or a weld if the hand does not hold the
-    handle yet.
-    """
+    """Return the robot that arguments of an environment describe, or refuse them."""
     check_choice("grasp", grasp, get_args(Grasp))
     check_choice("start", start, get_args(Start))
     config = robot_named(robot)
@@ -58,8 +54,7 @@ _RESOLVERS: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
 class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
-    Raises a ValueError for a door that the robot with this base and start cannot reach,
-    or a randomization that does not suit the start.
+    Raises a ValueError for what the robot cannot reach, or does not suit the start.
     """
 
     n: int | None

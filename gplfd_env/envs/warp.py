@@ -20,11 +20,7 @@ __all__ = ["DoorOpeningWarpVectorEnv", "make_warp"]
 def make_warp(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[NDArray[np.float32], Any, Any]:
-    """Return ``gplfd/DoorOpeningRL-v1`` with n doors on Warp's default device.
-
-    The arguments are those of `DoorOpeningWarpVectorEnv`; a `reward` raises a
-    ValueError.
-    """
+    """Return ``gplfd/DoorOpeningRL-v1`` with n doors on Warp's default device."""
     refuse_reward(arguments)
     arguments.setdefault("max_episode_steps", TIME_LIMIT)
     return for_learners(DoorOpeningWarpVectorEnv(num_envs, **arguments))

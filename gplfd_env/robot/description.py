@@ -81,10 +81,7 @@ def prefixed(name: str) -> str:
 
 
 def read_urdf(path: str) -> Any:
-    """Return a URDF as yourdfpy's object, without its meshes.
-
-    Raises a ValueError if the file is not a URDF.
-    """
+    """Return a URDF as yourdfpy's object, without meshes, or raise a ValueError."""
     return _read(path, Path(path).read_bytes())[0]
 
 
@@ -229,11 +226,7 @@ def _origin(place: Array, axes: Array) -> dict[str, str]:
 def _meshes(
     path: str, content: bytes
 ) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
-    """Return the meshes of a URDF: link, fields of MuJoCo's mesh, fields of its geom.
-
-    A file that cannot be read, or contains no mesh, is left out. One warning names
-    the first.
-    """
+    """Return links, meshes and geoms of a URDF; warn of files that cannot be read."""
     import trimesh
 
     logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh

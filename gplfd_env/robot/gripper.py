@@ -22,10 +22,7 @@ RELEASE_DISTANCE: Final = 0.04
 
 
 class Gripper:
-    """Width of the fingers during an episode, commanded at a limited rate [m].
-
-    If the handle is `uncertain`, the robot's belief of its position has an error.
-    """
+    """Width of the fingers [m], rate-limited; the handle may be `uncertain`."""
 
     def __init__(self, door: DoorConfig, width: float, *, uncertain: bool) -> None:
         self._thickness = 2.0 * held_radius(door.handle)
@@ -46,10 +43,7 @@ class Gripper:
         self.width += min(max(change, -step), step)
 
     def close_at_handle(self, hand: Sequence[float], *, taken: bool) -> None:
-        """Close if the hand (6,) [m, rad] is at the handle or holds it, else open.
-
-        An uncertain handle: if it rests at the believed handle, or is still there.
-        """
+        """Close if the hand (6,) holds the handle, is there, or rests near it."""
         away = math.hypot(*hand[:3])
         closes = away <= AT_HANDLE[0] and math.hypot(*hand[3:]) <= AT_HANDLE[1]
         if self.uncertain:

@@ -190,11 +190,7 @@ def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
 
 
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    """Add the walls on both sides of the frame, without contact.
-
-    Where the arm of a fixed base that pushes passes beside the lock, the wall is left
-    out.
-    """
+    """Add walls without contact, but none where the arm of a fixed base pushes."""
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")
         outwards = 1.0 if jamb.pos[2] > other.pos[2] else -1.0

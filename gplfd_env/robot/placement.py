@@ -32,10 +32,7 @@ def hand_position_w(
 def handle_position_w(
     door: DoorConfig, placement: Placement, robot: RobotConfig
 ) -> Array:
-    """Return the middle of the closed handle in the world frame, (3,) [m].
-
-    The world frame is the base's at the reset: an error of the base displaces it.
-    """
+    """Return the closed handle in the frame of the base at the reset, (3,) [m]."""
     handle = robot.stance(door).handle_xy_w
     x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
@@ -43,10 +40,7 @@ def handle_position_w(
 
 
 def task_rotation_w(door: DoorConfig, robot: RobotConfig, yaw: float = 0.0) -> Array:
-    """Return the task frame's axes as columns in the world frame, (3, 3).
-
-    With a heading error `yaw` of the base [rad] they are the axes of the true door.
-    """
+    """Return the task frame's axes in the world, (3, 3); with a yaw, the door's."""
     heading = robot.stance(door).door_yaw - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -55,11 +49,7 @@ def task_rotation_w(door: DoorConfig, robot: RobotConfig, yaw: float = 0.0) -> A
 
 
 def gripper_rotation_w(door: DoorConfig, robot: RobotConfig) -> Array:
-    """Return the grasp frame's axes at the closed grasp in the world frame, (3, 3).
-
-    On a bar y runs along it (downwards: the wrist rolled so that arm_7's x axis points
-    down); a lever or knob is held with the wrist rolled by a quarter, x upright.
-    """
+    """Return the grasp frame's axes at the closed grasp in the world frame, (3, 3)."""
     stance = robot.stance(door)
     yaw = stance.door_yaw + stance.grasp_yaw
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
@@ -125,10 +115,8 @@ def solve_closed_posture(
 ) -> Array:
     """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
-    Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
-    from the stance's posture. The torso is lifted as far as needed or possible;
-    fingers, hinge and base are at zero. Raises a ValueError if the pose is out of
-    reach.
+    Newton's method from the stance's posture, with the torso lifted as far as needed or
+    possible. Raises a ValueError if the pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     stance = robot.stance(door)
@@ -150,11 +138,7 @@ def solve_closed_posture(
 def solve_standoff_posture(
     model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig, pose: Array
 ) -> None:
-    """Move the hand back from the closed handle to a pose (6,) in front of it.
-
-    Small steps keep the solution continuous when the elbow is nearly stretched. Raises
-    a ValueError if the pose is out of reach.
-    """
+    """Move the hand back to a pose (6,), in small steps; ValueError out of reach."""
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
     for share in np.linspace(0.0, 1.0, 11)[1:]:

@@ -34,12 +34,7 @@ ROBOTS: Final = ("tiago-like", *_ARMS)
 
 
 def robot_named(spec: RobotSpec) -> RobotConfig:
-    """Return a robot.
-
-    Raises:
-        ValueError: An unknown name, or a file that does not describe a robot.
-        OSError: There is no such file.
-    """
+    """Return a robot; raise a ValueError or an OSError for a wrong name or file."""
     if isinstance(spec, RobotConfig):
         return spec
     if not isinstance(spec, str | os.PathLike):

@@ -124,9 +124,9 @@ class SameStructureBatch:
 class DoorBatch:
     """Physics and commands of n simulations, independent of the task.
 
-    Simulations with doors of the same structure are stepped together: there is one
-    batch per structure so far, stepped by `physics` on `num_threads` threads (0 for one
-    per core). A deep or unpickled copy has its own n simulations in the same states.
+    One batch per structure of doors is stepped by `physics` on `num_threads` threads
+    (0: one per core). A deep or unpickled copy has its own n simulations in the same
+    states.
     """
 
     def __init__(
@@ -156,10 +156,7 @@ class DoorBatch:
         return positions
 
     def load(self, row: int, variation: Variation) -> None:
-        """Change the door of one simulation; `restart` it afterwards.
-
-        If the handle is out of reach, raises a ValueError and changes nothing.
-        """
+        """Change the door of a simulation to restart; ValueError if out of reach."""
         structure = structure_of(variation.door)
         if structure not in self._batches:
             n = len(self._structure)
@@ -176,11 +173,7 @@ class DoorBatch:
     def advance(
         self, commands: Array, rows: Rows | None, inputs: ExtraInputs
     ) -> Mask | None:
-        """Command simulations for one control period.
-
-        Only the `commands` (n, ...) of `rows` are used, None for all. Returns which
-        simulations MuJoCo reports as diverged, (n,); None if there are none.
-        """
+        """Step `rows` (None: all) by commands (n, ...); return which have diverged."""
         if len(self._batches) == 1:
             (batch,) = self._batches.values()
             return batch.advance(commands, rows, inputs)
@@ -192,10 +185,7 @@ class DoorBatch:
         return diverged
 
     def read(self, rows: Rows | None, values: Array | None = None) -> Array:
-        """Return MuJoCo's sensor arrays, (n, ...), padded with zeros.
-
-        Only `rows` are read, None for all; the other rows keep their `values`.
-        """
+        """Return sensor arrays, (n, ...), zero-padded; other rows keep `values`."""
         if len(self._batches) == 1 and rows is None:
             (batch,) = self._batches.values()
             return np.array(batch.sensordata)

@@ -65,10 +65,7 @@ class Command:
         shape: tuple[int, ...],
         ignored: NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Return an action as a new array with `ignored` rows set to `rest`.
-
-        Raises a ValueError if it is not an array of finite numbers of this shape.
-        """
+        """Return a finite action anew, `ignored` rows at rest; or ValueError."""
         try:
             command = real_array(action)
         except (TypeError, ValueError, OverflowError):

@@ -65,7 +65,6 @@ def _controls(model: mujoco.MjModel, actuators: Sequence[str]) -> slice:
 class DoorSimulation:
     """One simulation; for many see `gplfd_env.simulation.batch.DoorBatch`.
 
-    `model` stays the same object for all doors of one structure, `sensordata` is live.
     A deep or unpickled copy is an independent simulation in the same state.
     """
 
@@ -95,10 +94,7 @@ class DoorSimulation:
         self._substeps = round(CONTROL_PERIOD / model.opt.timestep)
 
     def restart(self, variation: Variation) -> None:
-        """Start at rest with a door; the hand holds the handle or is in front of it.
-
-        If the hand cannot reach this pose, raises a ValueError and changes nothing.
-        """
+        """Start at rest with a door; raise a ValueError before if out of reach."""
         now, door = self.variation, variation.door
         if structure_of(door) != structure_of(now.door):
             self._build(variation)

@@ -44,11 +44,7 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 
 
 class WarpPhysics(SameStructureBatch):
-    """n simulations with doors of one structure, stepped by MuJoCo Warp in float32.
-
-    Models and initial states are computed by MuJoCo itself. Raises a ValueError for a
-    door with a latch.
-    """
+    """n simulations with doors of one structure without latch, in float32 on Warp."""
 
     def __init__(
         self, n: int, robot: Robot, begin: Variation, num_threads: int

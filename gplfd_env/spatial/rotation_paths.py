@@ -102,11 +102,7 @@ def rotvecs_from_quaternions(
 
 
 def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
-    """Return the shortest rotation vectors (..., 3) of quaternions of nonzero norm.
-
-    The arguments are scalar parts (...) and vector parts (..., 3); the angle is at most
-    π.
-    """
+    """Return least rotation vectors (..., 3) of quaternions w (...), vec (..., 3)."""
     length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
     # angle / length tends to 2 at the identity.

@@ -80,10 +80,7 @@ def pose_distance(
 
 
 def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
-    """Return the distances (N - 1,) between successive poses (N, 6), Eq. (17).
-
-    Equals ``pose_distance(poses[1:], poses[:-1])``, but takes a quarter of the time.
-    """
+    """Return distances (N - 1,) between successive poses: a fast `pose_distance`."""
     # One coordinate per row, contiguous: arithmetic on rows of 3 numbers is slow.
     columns = np.ascontiguousarray(np.asarray(poses, dtype=np.float64).T)
     rotvecs = columns[3:]
@@ -106,10 +103,7 @@ def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
 
 
 def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """Return log(exp(a) exp(b)): first rotate by `b`, then by `a`, in fixed axes.
-
-    Rotation vectors [rad], (..., 3), with angle at most π.
-    """
+    """Return log(exp(a) exp(b)) [rad], (..., 3): first rotate by `b`, then by `a`."""
     return rotvec_from_quaternion(
         *_quaternion_product(*_quaternion(a), *_quaternion(b))
     )
@@ -132,10 +126,7 @@ def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
 
 
 def into_axes(rotvecs: npt.ArrayLike, vectors: npt.ArrayLike) -> Array:
-    """Express vectors in axes that are rotated by rotation vectors: R(θu)ᵀ v.
-
-    Both have shape (..., 3); the inverse is ``into_axes(-rotvecs, vectors)``.
-    """
+    """Express vectors (..., 3) in axes turned by rotation vectors (..., 3): R(θu)ᵀ v."""
     w, axis = _quaternion(rotvecs)
     rows = np.asarray(vectors, dtype=np.float64)
     cross = _cross(rows, axis)

@@ -16,10 +16,7 @@ REGULAR = 2.0 * np.pi * 5.0 / 6.0
 
 
 def main_turn(rotvecs: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return the axis (3,) about which a path turns most, and its turns (N,) [rad].
-
-    Turns are accumulated along the path of rotation vectors (N, 3), and not limited.
-    """
+    """Return the axis (3,) about which a path turns most, and turns (N,) [rad]."""
     path = np.asarray(rotvecs, dtype=np.float64)
     steps = compose_rotvecs(path[1:], -path[:-1])
     reached = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])

@@ -16,11 +16,7 @@ _BLOCK: Final = 128
 
 
 class NoiseSource:
-    """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks.
-
-    Each episode has its own generator, so that the number of steps does not change the
-    next episode.
-    """
+    """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks."""
 
     def __init__(self, noise: SensorNoise, seed: int) -> None:
         self._std = np.repeat(
@@ -70,9 +66,8 @@ def draw_episode(
 ) -> SampledEpisode:
     """Draw an episode.
 
-    The number of draws depends only on the start and on whether randomization and
-    disturbance are idle. Neither a disturbance nor the start changes the other values
-    that are drawn for the same episode.
+    The number of draws depends only on the start and on what is idle; neither
+    disturbance nor start changes the other values.
     """
     variation, noise = Variation(door=door), None
     if not randomization.idle:

@@ -135,10 +135,7 @@ class DisturbanceEffects(NamedTuple):
 
 
 class Episode:
-    """State of one episode besides the state in MuJoCo; numbers are Python floats.
-
-    `gplfd_env.task.episode.Episodes` inherits the same arithmetic for arrays (n,).
-    """
+    """State of one episode besides the state in MuJoCo; `Episodes` has arrays (n,)."""
 
     readings: Readings
     progress: Progress
@@ -274,10 +271,7 @@ class Episode:
         return inputs
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
-        """Update the episode from the sensor values after one control period.
-
-        The values are a list for one simulation, or an array (number of values, n).
-        """
+        """Update the episode from sensor values, a list or (number, n) array."""
         progress, opening = self.progress, self.progress.opening
         angle_before = self.readings.door.angle
         progress.steps = progress.steps + 1
@@ -500,10 +494,7 @@ class Episodes(Episode):
         return tuple(parts.variation for parts in self._parts)
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
-        """Update the episodes from the sensor values, (number of values, n).
-
-        Simulations that were not `stepped` get no reward and keep their state.
-        """
+        """Update the episodes; those not `stepped` keep their state, without reward."""
         # Arrays are never modified in place: copies of the records are enough.
         before = self.readings, mapped(lambda entry: entry, self.progress)
         super().advance(values, stepped)

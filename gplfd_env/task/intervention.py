@@ -55,10 +55,7 @@ class Intervention:
         self.base_velocity: Vector = _NOTHING
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
-        """Return the loads in the control period that begins now.
-
-        The hand has slipped along the opening motion by `slip` [m].
-        """
+        """Return the loads in the next period; the hand has slipped by `slip` [m]."""
         cause, door, angle = self._cause, self._door, float(reading.angle)
         hand, forearm, hinge = _NOTHING, _NOTHING, 0.0
         if cause.breakaway and angle < cause.breakaway.seal_angle:
@@ -155,10 +152,7 @@ class PersonHand:
         self.peak = self.energy = 0.0
 
     def resistance(self, time: float, angle: float, slip: float) -> float:
-        """Return the mean contact force in the period from now, against opening [N].
-
-        `slip` is the slip of the hand on the handle, along the motion [m].
-        """
+        """Return the mean contact force against opening [N], for a slip [m]."""
         arc = self._radius * angle + (slip if self.on == "hand" else 0.0)
         rate = 0.0 if self._last is None else (arc - self._last) / CONTROL_PERIOD
         self._last = arc

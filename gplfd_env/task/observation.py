@@ -111,11 +111,7 @@ class Reader:
         *,
         level: bool = False,
     ) -> Reader:
-        """Resolve sensor addresses and the hand's weight, once per robot and grasp.
-
-        One scene is used for all doors, because the hand holds the same handle in all
-        of them and settled fingers differ by only a micrometre.
-        """
+        """Resolve sensor addresses and the hand's weight, the same for many doors."""
         door = DoorConfig(handle=handle, swing=swing)
         if level:
             door = DoorConfig(motion="flap", hinge_side="bottom")
@@ -234,10 +230,7 @@ class Reader:
 
 
 class Forces(NamedTuple):
-    """Force of hand on handle [N]: along the motion, upwards, away from the hinge.
-
-    For a flap, whose hinge is level, the second component is along the hinge.
-    """
+    """Force of hand on handle [N]; the second is along the hinge of a flap."""
 
     tangential: Number
     vertical: Number
@@ -292,10 +285,7 @@ class DoorReading(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """All parts beyond the wrist sensor: weight [N], centre of mass and hand point.
-
-    The two points are relative to the sensor, in the hand's axes [m].
-    """
+    """Weight [N] beyond the wrist sensor; centre of mass and hand point from it [m]."""
 
     weight: Number
     com: Vector

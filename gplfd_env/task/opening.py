@@ -65,10 +65,9 @@ class OpeningMonitor:
         blocked: Flag = False,
         opened: Flag = False,
     ) -> Flag:
-        """Update the state after one control step; return whether the hand took hold.
+        """Update the state; return whether the hand took hold.
 
-        `turn` is the angle of the handle [rad]; `opened` means that the commanded width
-        of the gripper exceeds the handle.
+        `turn` is the angle of the handle [rad]; `opened`: the gripper is wider than it.
         """
         took = grasped & negated(self.taken)
         # A handle that is released on purpose is not lost.

@@ -22,11 +22,7 @@ _RANGE: Final = "range"  # Key of a field's metadata.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
-    """The numbers from `low` to `high`, greater than `above` and less than `below`.
-
-    Also their unit (for whole numbers, the counted thing), the reason of the limits,
-    and whether a value may be a pair of them, low first.
-    """
+    """The numbers from `low` to `high`, greater than `above` and less than `below`."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -47,10 +43,7 @@ class Range:
 
 
 def quantity(default: float | None, **allowed: Any) -> Any:
-    """Declare a field that is a finite number; a whole one if annotated `int`.
-
-    A default of None allows None. The other arguments are attributes of `Range`.
-    """
+    """Declare a number in `Range(**allowed)`, whole if annotated `int`, or None."""
     return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
 
 
@@ -62,10 +55,9 @@ def allowed_range(record: type, field: str) -> Range:
 
 
 def check_quantities(record: Any) -> None:
-    """Check every declared number of a frozen record and make it a float or an int.
+    """Make every declared number a float or an int, a pair a tuple of floats.
 
-    A pair ``(low, high)``, where allowed, becomes a tuple of floats. Raises a TypeError
-    if a value is not a number, a ValueError if it is not allowed.
+    Raises a TypeError if a value is not a number, a ValueError if it is not allowed.
     """
     for field in dataclasses.fields(record):
         value: Any = getattr(record, field.name)
@@ -97,10 +89,7 @@ class Quantities:
 
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
-    """Return a frozen record with a number drawn from every pair.
-
-    One uniform number is drawn per declared field, also for fields without a pair.
-    """
+    """Return a record with a number drawn from, or for, every declared field."""
     declared = [
         field.name for field in dataclasses.fields(record) if _RANGE in field.metadata
     ]
@@ -142,11 +131,7 @@ def checked_count(name: str, value: Any, allowed: Range) -> int:
 
 
 def real_array(value: object) -> NDArray[np.float64]:
-    """Return a new array of real numbers.
-
-    Raises a TypeError, a ValueError or an OverflowError for anything that NumPy would
-    turn into them and lose a part: complex numbers, dates, texts, masks.
-    """
+    """Return a new array of real numbers; refuse complex ones, dates, texts, masks."""
     array = np.array(value)
     exact = array.dtype.kind in "biuf" or (
         array.dtype.kind == "O" and all(isinstance(x, numbers.Real) for x in array.flat)

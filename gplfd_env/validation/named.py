@@ -46,10 +46,9 @@ def preset(
 def with_fields(
     record: Record, fields: Mapping[str, Any], what: str, other_keys: Sequence[str] = ()
 ) -> Record:
-    """Return a frozen dataclass with some fields changed.
+    """Return a frozen dataclass with some fields changed, in its parts by mappings.
 
-    A mapping for a field that is a record itself changes only what it names. Raises a
-    ValueError that names the fields, and `other_keys`, if one is unknown.
+    Raises a ValueError that names the fields, and `other_keys`, if one is unknown.
     """
     before: Any = record
     names = [field.name for field in dataclasses.fields(before)]
@@ -68,10 +67,7 @@ def with_fields(
 
 
 def record_of(value: object, record: type[Record], what: str) -> Record:
-    """Return a record that is given as itself or as a mapping of its fields.
-
-    Raises a ValueError for an unknown field, a TypeError for anything else.
-    """
+    """Return a record from itself or a mapping of fields, or refuse the value."""
     if isinstance(value, Mapping):
         return with_fields(record(), value, what)
     if not isinstance(value, record):
@@ -94,11 +90,7 @@ def changed_fields(record: Any) -> dict[str, Any]:
 
 
 def nearest_name(name: object, names: Iterable[str]) -> str:
-    """Return a hint at the known names that were probably meant; "" if none is near.
-
-    A word of a name, such as ``friction`` in ``hinge_friction``, matches all names that
-    contain it.
-    """
+    """Return a hint at a near name, or names with the word; "" if there is none."""
     names = list(names)
     meant = [candidate for candidate in names if str(name) in candidate.split("_")]
     meant = meant or difflib.get_close_matches(str(name), names, n=1)

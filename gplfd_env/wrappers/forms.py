@@ -71,10 +71,7 @@ class _Relative:
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
-
-        Raises a ValueError for a wrong shape or a number that is not finite.
-        """
+        """Move the set-points, (6,) or (n, 6), clamped to ±1; refuse others."""
         if self._hand is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         try:
@@ -158,11 +155,7 @@ class _Flat:
 
 
 class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
-    """Concatenate the entries of the observation in the order of their names.
-
-    This is the order of Gymnasium's `FlattenObservation`; docs/environment.md lists the
-    indices. The observation space is a dictionary of vectors.
-    """
+    """Concatenate the entries of the observation in the order of their names, (m,)."""
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
@@ -221,11 +214,7 @@ class _Coded:
 
 
 class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
-    """Replace the strings of ``info`` by integers, for code that accepts only numbers.
-
-    ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
-    `REASONS` and `gplfd_env.task.stages.STAGES`.
-    """
+    """Replace text in ``info`` by ``failure_code``, ``reason_code``, ``stage_code``."""
 
 
 class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):

@@ -40,10 +40,7 @@ _NONE_ALONE: Final = (
 def make_sb3(
     num_envs: int = 1, id: str = RL_ENVIRONMENT_ID, **arguments: Any
 ) -> VecEnv:
-    """Return n doors on threads, for ``stable_baselines3.PPO("MlpPolicy", ...)``.
-
-    The id is one of `gplfd_env`, the arguments are those of `gymnasium.make_vec`.
-    """
+    """Return n doors on threads of an environment id, for Stable-Baselines3."""
     arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
     return SB3VecEnv(gym.make_vec(id, num_envs, **arguments))
 
@@ -115,11 +112,7 @@ class SB3VecEnv(VecEnv):
         return tuple(self.env.render() or self.num_envs * (None,))
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of some simulations, by default of all.
-
-        Those of `_OF_EACH` differ between simulations; all others are the vector
-        environment's.
-        """
+        """Return an attribute of some simulations, by default all; see `_OF_EACH`."""
         rows = list(self._get_indices(indices))
         if attr_name in _OF_EACH:
             values = getattr(self.env.unwrapped, _OF_EACH[attr_name])
