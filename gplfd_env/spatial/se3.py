@@ -126,7 +126,7 @@ def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
 
 
 def into_axes(rotvecs: npt.ArrayLike, vectors: npt.ArrayLike) -> Array:
-    """Express vectors (..., 3) in axes turned by rotation vectors (..., 3): R(θu)ᵀ v."""
+    """Express vectors (..., 3) in axes turned by rotvecs (..., 3): R(θu)ᵀ v."""
     w, axis = _quaternion(rotvecs)
     rows = np.asarray(vectors, dtype=np.float64)
     cross = _cross(rows, axis)
