@@ -204,6 +204,8 @@ class _Tries(NamedTuple):
         x, y = self.handles[:, :2].T
         # The base in the task frame: in front of the door, and away from the hinge.
         ahead, left = cosine * x + sine * y, sine * x - cosine * y
+        if group.base == "mobile":  # It keeps its distance from the leaf.
+            return np.asarray(ahead > BASE_RADIUS + 0.1)
         clear: Mask = ahead > BASE_RADIUS
         away = left + radius if group.hinge_side == "right" else radius - left
         for angle in _OPENED if group.swing == "pull" else ():
@@ -365,7 +367,9 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
         turned = np.zeros((7, 6))
         turned[:, 4] = [0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5]
         try:
-            tries, _ = _search(robot, group, turned, ["at the handle"] * 7, least=7)
+            tries, _ = _search(
+                robot, group, turned, ["at the handle"] * 7, least=7, radius=1.05
+            )
         except ValueError as error:
             return str(error)
         return tries.stance(0, 1.05, _HEIGHTS[2])
