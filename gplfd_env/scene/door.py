@@ -368,11 +368,8 @@ def _add_visuals(
     """Add closer, lock, casing around the opening, raised panels, and far handle."""
     side, x, top = door.hinge_sign, -door.leaf.handle_standoff, _top(door)
     free_edge, reach = door.radius + door.leaf.backset, side * door.radius
-    thick, floor, seen = (
-        door.leaf.thickness / 2.0,
-        -door.handle_height,
-        {"group": GROUP},
-    )
+    thick, floor = door.leaf.thickness / 2.0, -door.handle_height
+    seen: Any = {"group": GROUP}
     if structure.closer:
         opacity, radius = _looks_of_closer(door)
         colour, out, above = (*_ALUMINIUM, opacity), x + thick + 0.022, top - 0.065
