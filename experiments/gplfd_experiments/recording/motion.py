@@ -41,13 +41,12 @@ Float32Array = NDArray[np.float32]
 """As exact as the viewer draws."""
 QUANTILE: Final = 1.96
 """Half-width of all bands in standard deviations: the normal quantile of the central
-95 % of one output. With few demonstrations, whose spread is itself an estimate, and
-for several outputs together, such a band contains less than 95 %."""
+95 % of one output. With few demonstrations such a band contains less than 95 %."""
 N_RINGS, N_SIDES = 32, 12
 """Cross-sections along the path, and corners of each."""
 
-# Share of the path's largest speed below which its direction is not used.
 _SLOW: Final = 0.15
+"""Share of the path's largest speed below which its direction is not used."""
 _THINNEST: Final = 0.002  # Half-width [m] below which a tube would not be seen.
 # Axes of the views, x (away from the robot), y and z as columns, in the task frame.
 _VIEW_AXES: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
@@ -108,9 +107,8 @@ def policy_motion(log: EpisodeLog) -> list[Chunk]:
     forecasts = log.forecasts
     if not forecasts.times.size:
         return []
-    paths = forecasts.mean[:, :, :3]
     # Without uncertainty, the tube is a line.
-    stds = np.nan_to_num(forecasts.std[:, :, :3])
+    paths, stds = forecasts.mean[:, :, :3], np.nan_to_num(forecasts.std[:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
     means, triangles = paths.astype(np.float32), tube_triangles()
     tubes = rr.Mesh3D.columns(
@@ -131,14 +129,12 @@ def policy_motion(log: EpisodeLog) -> list[Chunk]:
         triangle_indices=triangles,
         albedo_factor=(*colours.BEFORE, _OPACITY_BEFORE),
     )
-    line = rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE)
-    look = (
-        rr.Mesh3D.from_fields(triangle_indices=triangles),
-        rr.LineStrips3D.from_fields(colors=colours.ADAPTED, radii=_LINE),
-    )
+    mesh = rr.Mesh3D.from_fields(triangle_indices=triangles)
+    line = rr.LineStrips3D.from_fields(colors=colours.ADAPTED, radii=_LINE)
+    before = rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE)
     return [
-        static(f"{ROOT}/policy_before", first, line),
-        static(f"{ROOT}/policy_now", *look),
+        static(f"{ROOT}/policy_before", first, before),
+        static(f"{ROOT}/policy_now", mesh, line),
         moving(f"{ROOT}/policy_now", forecasts.times, columns),
     ]
 
@@ -173,16 +169,27 @@ def hand_stiffness(log: EpisodeLog) -> Iterator[Chunk]:
     yield from _so_far(TRAIL, log, knots, rr.LineStrips3D, colors=tints)
     if not np.isfinite(stiffness).any():
         return
-    rows = frames(log)
-    finite = np.isfinite(stiffness[rows])
-    values = stiffness[rows[finite]]
-    columns = rr.Points3D.columns(
-        positions=log.motion.ee_pose[rows[finite], :3] + _ABOVE_HAND,
-        colors=colour_of(values, colours.HAND),
-        labels=[f"{value:.0f} N/m" for value in values],
-    ).partition(finite.astype(int))
+    acts = np.isfinite(stiffness)
+    values = stiffness[frames(log)]
+    labels = [f"{value:.0f} N/m" for value in values[np.isfinite(values)]]
+    tints = colour_of(values[np.isfinite(values)], colours.HAND)
     yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
-    yield moving(STIFFNESS, log.times[rows], columns)
+    yield ball(STIFFNESS, log, acts, _ABOVE_HAND, colors=tints, labels=labels)
+
+
+def ball(
+    entity: str,
+    log: EpisodeLog,
+    acts: NDArray[np.bool_],
+    above: tuple[float, float, float],
+    **looks: Any,
+) -> Chunk:
+    """Return a ball above the hand [m] at the frames of the rows (T,) that have one."""
+    rows = frames(log)
+    there = acts[rows]
+    positions = log.motion.ee_pose[rows[there], :3] + above
+    columns = rr.Points3D.columns(positions=positions, **looks)
+    return moving(entity, log.times[rows], columns.partition(there.astype(int)))
 
 
 def _so_far(

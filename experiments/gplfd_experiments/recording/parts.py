@@ -59,8 +59,7 @@ _JOINTS: Final = {
 _LIMITS: Final = (140.0, 280.0)
 # Position of the ball above the hand and the ball of the stiffness, task frame [m].
 _ABOVE: Final = (0.0, 0.30, 0.0)
-# Radius of the ball at 1 N [m]; it grows with the square root of the force.
-_BALL: Final = 0.008
+_BALL: Final = 0.008  # Radius at 1 N [m]; it grows with the root of the force.
 
 
 class Kind(NamedTuple):
@@ -124,21 +123,16 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
         ]
         yield from lanes.lane(LATCH, _BOLT_STATES, states)
     # The tendon of a closer's arm, if it has a colour.
-    tendons = [model.tendon(index).name for index in range(model.ntendon)]
-    if CLOSER_ARM not in tendons:
-        return
-    arm = model.tendon(CLOSER_ARM).id
-    if model.tendon_rgba[arm, 3] == 0.0:
-        return
-    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-    strips = np.array([data.site_xpos[sites] for data in kinematics(model, log)])
-    tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
-    look = rr.LineStrips3D.from_fields(colors=tint, radii=model.tendon_width[arm])
-    columns = rr.LineStrips3D.columns(strips=strips.astype(np.float32))
-    yield static(ARM, look)
-    yield moving(
-        ARM, log.times[frames(log)], columns.partition(np.ones(len(strips), int))
-    )
+    arms = [i for i in range(model.ntendon) if model.tendon(i).name == CLOSER_ARM]
+    for arm in (i for i in arms if model.tendon_rgba[i, 3] > 0.0):
+        sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
+        strips = [data.site_xpos[sites] for data in kinematics(model, log)]
+        tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
+        look = rr.LineStrips3D.from_fields(colors=tint, radii=model.tendon_width[arm])
+        columns = rr.LineStrips3D.columns(strips=np.array(strips, np.float32))
+        ones = np.ones(len(strips), int)
+        yield static(ARM, look)
+        yield moving(ARM, log.times[frames(log)], columns.partition(ones))
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -182,18 +176,15 @@ def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
 
 def balls(log: EpisodeLog) -> Iterator[Chunk]:
     """Return a ball above the hand during a disturbance, with its name and strength."""
-    rows = frames(log)
     for name in kinds_of(log):
         kind, path = KINDS[name], f"{motion.ROOT}/outside/{name}"
-        acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
-        columns = rr.Points3D.columns(
-            positions=log.motion.ee_pose[rows[acts], :3] + _ABOVE,
-            radii=_BALL * np.sqrt(values[acts]),
-            labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
-        )
+        acts, rows = kind.acts(log), frames(log)
+        values = kind.curve(log)[rows][acts[rows]]
+        labels = [f"{name} {value:.0f} {kind.unit}" for value in values]
+        radii = _BALL * np.sqrt(values)
         look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
         yield static(path, look)
-        yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
+        yield motion.ball(path, log, acts, _ABOVE, radii=radii, labels=labels)
 
 
 def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:

@@ -19,7 +19,6 @@ from gplfd_policies.arrays.storage import complete_or_absent
 
 SUFFIX: Final = ".mp4"
 
-_CAMERA: Final = "overview"
 # Rendered pixels per pixel of the video, in each direction, for smooth edges. Without a
 # graphics card, this takes a quarter of the time of the renderer's antialiasing.
 _OVERSAMPLING: Final = 2
@@ -59,10 +58,10 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
             f"--video writes {SUFFIX} files, got {str(file)!r}; give for example "
             f"--video {file.stem or 'opening'}{SUFFIX}"
         )
-    paths = {doors[0]: file}
-    if len(doors) > 1:
-        end = file.suffix
-        paths = {door: file.with_name(f"{file.stem}-{door}{end}") for door in doors}
+    names = [f"{file.stem}-{door}{file.suffix}" for door in doors]
+    if len(doors) == 1:
+        names = [file.name]
+    paths = {d: file.with_name(name) for d, name in zip(doors, names, strict=True)}
     for path in paths.values():
         if path.is_dir():
             raise ValueError(f"--video {path} is a folder; give the name of a file")
@@ -97,7 +96,7 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
     rows, pause = form.rows(log), round(form.last * form.rate)
     data = mujoco.MjData(model)
     width, height = (_OVERSAMPLING * side for side in form.size)
-    camera = Camera(model, width, height, _CAMERA, effects=False)
+    camera = Camera(model, width, height, "overview", effects=False)
     with contextlib.closing(camera), complete_or_absent(path) as temporary:
         # The temporary name has no suffix for the format.
         encoder = imageio_ffmpeg.write_frames(

@@ -16,8 +16,7 @@ from gplfd_experiments.analysis.report.document import (
     kind_of,
     policy_table,
 )
-from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
-from gplfd_experiments.analysis.results.measures import Runs
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, Runs
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import number_text, success_rate
 from gplfd_experiments.analysis.results.trials import (
@@ -25,19 +24,16 @@ from gplfd_experiments.analysis.results.trials import (
     Answer,
     ByLevel,
     answered,
-    deciding_measure,
-    interquartile_mean_in_units,
     of_trials,
-    scores,
     succeeded,
     summary,
     tier_runs,
 )
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.trials.protocol import SEEDS, TIERS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import RADIAL, Side, Trial
 
+_FORCE: Final = EPISODE_MEASURES[RADIAL]  # over opened doors
 _VERDICTS: Final = {
     "shows": "**better with it**",
     "harms": "worse with it",
@@ -130,10 +126,9 @@ def ideas_table(answers: Mapping[str, Sequence[Answer]]) -> Table:
 
 
 def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
-    """Return a trial's question, its numbers in a table and a plot, and aggregates."""
+    """Return a trial's question, and its numbers in a table and a plot."""
     trial, deciding = TRIALS[name], MEASURES[TRIALS[name].measures[0]]
     runs, title = ordered(trial, levels), deciding.title
-    measure = deciding_measure(trial)
     episodes = [e for runs in levels.values() for group in runs.values() for e in group]
     blocks: list[Block] = [
         Text(trial.question),
@@ -146,7 +141,6 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
             "at the share or the typical value, a line through its 95 % interval.",
             f"{title}, a row per policy",
         ),
-        aggregate_table(scores(episodes, measure), measure, reference),
     ]
     corrected = {title for title, level in trial.levels.items() if level.corrections}
     able = {p for level in corrected for p in levels.get(level, {})}
@@ -197,51 +191,23 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     )
 
 
-def aggregate_table(
-    arrays: Mapping[str, FloatArray], name: str, reference: str
-) -> Table:
-    """Return interquartile means and probabilities of improvement, the best first."""
-    measure = MEASURES[name]
-    means = {
-        policy: interquartile_mean_in_units(array, name)
-        for policy, array in arrays.items()
-    }
-    rows = []
-    for policy in sorted(means, key=lambda p: (-measure.sign * means[p].estimate, p)):
-        both = arrays.get(reference, arrays[policy]), arrays[policy]
-        better = probability_of_improvement(*both).cell(2)
-        rows.append((code(policy), means[policy].cell(measure.digits), better))
-    heads = f"{measure.title}, interquartile mean", f"P({reference} better)"
-    return Table(
-        columns=("policy", *heads),
-        rows=tuple(rows),
-        note="All doors, and levels without a prior mean. **Interquartile mean:** of "
-        "the middle half of the episodes; a dash if more than a quarter failed. "
-        "**P:** probability that the reference is better at the same door and level; "
-        "a failure is worse than any value, ties count half. 95 % intervals: "
-        "stratified bootstrap of the seeds.",
-    )
-
-
 def tier_tables(results: StudyResults) -> list[Block]:
     """Return a table per tier: policies by share of successes, and radial force."""
     blocks: list[Block] = []
     for tier, runs in tier_runs(results).items():
-        episodes = [episode for group in runs.values() for episode in group]
-        arrays = scores(episodes, RADIAL)
         rates = {
             policy: success_rate((e.task.seed, succeeded(e)) for e in group)
             for policy, group in runs.items()
         }
         rows = []
         for policy in sorted(rates, key=lambda name: (-rates[name].estimate, name)):
-            force = interquartile_mean_in_units(arrays[policy], RADIAL)
-            cells = rates[policy].cell(), force.cell(MEASURES[RADIAL].digits)
+            force = _FORCE.typical(runs[policy])
+            cells = rates[policy].cell(), force.cell(_FORCE.digits) if force else "–"
             rows.append((code(policy), kind_of(policy), *cells))
-        ran = len({episode.task.trial for episode in episodes})
-        heads = "successes", "radial force [N],\ninterquartile mean"
+        ran = {episode.task.trial for group in runs.values() for episode in group}
+        columns = ("policy", "kind", "successes", "radial force [N]")
         blocks += [
-            Text(f"**Tier {tier}**, {ran} of {len(TIERS[tier])} trials"),
-            Table(columns=("policy", "kind", *heads), rows=tuple(rows)),
+            Text(f"**Tier {tier}**, {len(ran)} of {len(TIERS[tier])} trials"),
+            Table(columns=columns, rows=tuple(rows)),
         ]
     return blocks

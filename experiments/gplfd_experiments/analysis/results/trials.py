@@ -9,9 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
-import numpy as np
-
-from gplfd_experiments.analysis.results.aggregates import interquartile_mean
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     Runs,
@@ -29,7 +26,6 @@ from gplfd_experiments.analysis.results.statistics import (
 )
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
@@ -147,45 +143,20 @@ def succeeded(episode: EpisodeResult) -> bool:
     return bool(episode.number(success_measure(TRIALS[episode.task.trial])))
 
 
-def comparable(episodes: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-    """Return those that count, without a prior mean, which not all policies accept."""
-    return [e for e in episodes if e.counts and e.task.prior_radius is None]
-
-
-def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
-    """Return each policy's scores for `aggregates`, at the seeds and doors of all.
-
-    For forces and other measures where less is better, a failed episode counts as worse
-    than any number; otherwise doing nothing would be best.
-    """
-    less = MEASURES[measure].better == "less"
-    ran = comparable(episodes)
-    places = [(e.task.trial, e.task.level, e.task.door) for e in ran]
-    seeds, strata = sorted({e.task.seed for e in ran}), sorted(set(places))
-    arrays: dict[str, FloatArray] = {}
-    for episode, place in zip(ran, places, strict=True):
-        value, score = MEASURES[measure].of(episode), -math.inf
-        if value is not None and not (less and not succeeded(episode)):
-            score = -value if less else value
-        empty = np.full((len(seeds), len(strata)), math.nan)
-        array = arrays.setdefault(episode.policy, empty)
-        array[seeds.index(episode.task.seed), strata.index(place)] = score
-    return arrays
-
-
-def interquartile_mean_in_units(array: FloatArray, measure: str) -> Shift:
-    """Return the interquartile mean of scores, in the unit of the measure."""
-    mean = interquartile_mean(array)
-    if MEASURES[measure].better == "more":
-        return mean
-    return Shift(estimate=-mean.estimate, low=-mean.high, high=-mean.low, n=mean.n)
-
-
 def tier_runs(results: StudyResults) -> dict[str, Runs]:
-    """Return each tier's episodes of policies that took part in all its levels."""
+    """Return each tier's episodes of policies that took part in all its levels.
+
+    Levels with a prior mean are excluded, because not all policies accept one.
+    """
     tiers: dict[str, Runs] = {}
     for tier, names in TIERS.items():
-        ran = comparable(e for e in results.episodes if e.task.trial in names)
+        ran = [
+            episode
+            for episode in results.episodes
+            if episode.task.trial in names
+            and episode.counts
+            and episode.task.prior_radius is None
+        ]
         every = {(e.task.trial, e.task.level) for e in ran}
         complete = {
             policy: group
