@@ -2,8 +2,9 @@
 
 ``pip install optuna`` and ``python benchmarks/tune.py DIR [POLICY ...]``. The
 evaluations are kept in DIR/tuning.db: the same command resumes them. DIR/tuned.json has
-the best settings. Copied to ``policies/gplfd_policies/registry/tuned.json``, it defines
-the policies ``<name>-tuned``.
+the best settings, and those of the other policies as they are. Copied to
+``policies/gplfd_policies/registry/tuned.json``, it defines the policies
+``<name>-tuned``.
 
 The objective was fixed before any measurement. It is the mean of two ranks among a
 method's candidates: by the mean negative log predictive density of demonstrations left
@@ -40,7 +41,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     learn,
 )
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
-from gplfd_policies.registry.built_in import SPACES, Values, tuned
+from gplfd_policies.registry.built_in import SPACES, Values, tuned, tuned_settings
 
 EVALUATIONS: Final = 24
 """Candidates per method; the first has the published settings."""
@@ -128,7 +129,11 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
             name: {"settings": study.trials[k].params, "values": values[k]}
             for name, k in (("published", 0), ("tuned", best))
         }
-    write_json(folder / "tuned.json", provenance({}) | {"policies": results})
+    present = {
+        name: {"tuned": {"settings": dict(values)}}
+        for name, values in tuned_settings().items()
+    }
+    write_json(folder / "tuned.json", provenance({}) | {"policies": present | results})
     print(json.dumps(results, indent=1))
 
 

@@ -53,7 +53,7 @@ from gplfd_policies.movements.movement import (
     white_covariance,
 )
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.built_in import SPACES
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import Method, TrainingInput
 
@@ -388,7 +388,7 @@ def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
     )
 
 
-@pytest.mark.parametrize("policy", [*TABLE_1, "prodmp", "midigap"])
+@pytest.mark.parametrize("policy", SPACES)
 def test_every_method_is_measured(policy):
     metrics = metrics_of(small(policy), ONE)
     json.dumps(metrics, allow_nan=False)
