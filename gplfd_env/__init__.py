@@ -20,16 +20,13 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 
 ENVIRONMENT_ID = "gplfd/DoorOpening-v1"
-"""Commands are poses; see `gplfd_env.envs.door_opening.DoorOpeningEnv`."""
+"""Commands are poses; see `gplfd_env.envs.door_opening`, also for the next three."""
 IMPEDANCE_ENVIRONMENT_ID = "gplfd/DoorOpeningImpedance-v1"
-"""Commands are poses and stiffnesses; see
-`gplfd_env.envs.door_opening.DoorOpeningImpedanceEnv`."""
+"""Commands are poses and stiffnesses."""
 MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v1"
-"""Commands are poses and twists of the base; see
-`gplfd_env.envs.door_opening.DoorOpeningMobileEnv`."""
+"""Commands are poses and twists of the base."""
 GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v1"
-"""Commands are poses and widths of the gripper; see
-`gplfd_env.envs.door_opening.DoorOpeningGripperEnv`."""
+"""Commands are poses and widths of the gripper."""
 RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v1"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
 gentle opening; see `gplfd_env.wrappers`."""

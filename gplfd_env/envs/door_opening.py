@@ -106,14 +106,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             require_display()
         self.render_mode, self._reward = render_mode, reward
         self._robot = commanded_robot(self.command, robot, base, grasp, start)
-        self._sources = Sources.of(
-            None,
-            self._robot.config,
-            start,
-            door=door,
-            randomization=randomization,
-            disturbance=disturbance,
-        )
+        specs = door, randomization, disturbance
+        self._sources = Sources.of(None, self._robot.config, start, specs)
         (config,) = self._sources.doors
         self._simulation = DoorSimulation(self._robot, Variation(door=config))
         self._camera = Camera(self.model, width, height, camera_name, effects=effects)

@@ -1,6 +1,6 @@
 """What the arguments of environments mean: the robot, and the sources of episodes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, get_args
 
@@ -81,13 +81,11 @@ class Sources:
 
     @classmethod
     def of(
-        cls, n: int | None, robot: RobotConfig, start: Start, **specs: Any
+        cls, n: int | None, robot: RobotConfig, start: Start, specs: Sequence[Any]
     ) -> "Sources":
         """Return the sources for a value, or n values, of each key of `_RESOLVERS`."""
-        values = {
-            name: each(name, specs[name], n, resolve)
-            for name, (resolve, _) in _RESOLVERS.items()
-        }
+        pairs = zip(_RESOLVERS.items(), specs, strict=True)
+        values = {name: each(name, x, n, resolve) for (name, (resolve, _)), x in pairs}
         return cls(n=n, robot=robot, start=start, values=values)
 
     @property
@@ -105,9 +103,8 @@ class Sources:
             allowed = dict.fromkeys(_RESOLVERS, same)
             allowed["reset_mask"] = "an array of num_envs booleans"
         changes = checked_options(options, allowed)
-        rows = chosen_rows(
-            changes.pop("reset_mask", None), len(self.doors), begun=begun
-        )
+        mask = changes.pop("reset_mask", None)
+        rows = chosen_rows(mask, len(self.doors), begun=begun)
         values = dict(self.values)
         for name, value in changes.items():
             after = each(name, value, self.n, _RESOLVERS[name][0])
@@ -117,7 +114,5 @@ class Sources:
 
     def draw(self, row: int, random: np.random.Generator) -> SampledEpisode:
         """Draw an episode of a simulation."""
-        door, randomization, disturbance = (
-            of_name[row] for of_name in self.values.values()
-        )
+        door, randomization, disturbance = (x[row] for x in self.values.values())
         return draw_episode(door, randomization, disturbance, random, self.start)

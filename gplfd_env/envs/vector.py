@@ -108,28 +108,17 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "autoreset_mode": self.autoreset_mode,
         }
         self._robot = commanded_robot(self.command, robot, base, grasp, start)
-        self._sources = Sources.of(
-            n,
-            self._robot.config,
-            start,
-            door=door,
-            randomization=randomization,
-            disturbance=disturbance,
-        )
+        specs = door, randomization, disturbance
+        self._sources = Sources.of(n, self._robot.config, start, specs)
         observed = observation_space(self.command, self._robot.config)
         self.single_observation_space = observed
         self.single_action_space = self.command.space
         self.observation_space = batch_space(observed, n)
         self.action_space = batch_space(self.single_action_space, n)
-        self._batch = DoorBatch(
-            self._robot,
-            [Variation(door=door) for door in self._sources.doors],
-            num_threads,
-            self.physics,
-        )
-        self._camera = Camera(
-            self.models[0], width, height, camera_name, effects=effects
-        )
+        begin = [Variation(door=door) for door in self._sources.doors]
+        self._batch = DoorBatch(self._robot, begin, num_threads, self.physics)
+        model = self.models[0]
+        self._camera = Camera(model, width, height, camera_name, effects=effects)
         self._episodes: Episodes | None = None
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(n, dtype=bool)

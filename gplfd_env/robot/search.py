@@ -361,15 +361,15 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
     """Return the best stance of a robot for a group of doors, or why there is none.
 
     With a fixed base the arm follows the whole opening; with a mobile one, which
-    follows the hand, it turns the hand by 30° to both sides.
+    follows the hand, it turns the hand by 30° to both sides and moves it by 10 cm.
     """
     if group.base == "mobile":
-        turned = np.zeros((7, 6))
-        turned[:, 4] = [0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5]
+        moved = np.zeros((9, 6))
+        moved[:7, 4] = 0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5
+        moved[7:, 0] = 0.1, -0.1
+        moments, least = ["at the handle"] * 9, 9 + _QUALITY[0]
         try:
-            tries, _ = _search(
-                robot, group, turned, ["at the handle"] * 7, least=7, radius=1.05
-            )
+            tries, _ = _search(robot, group, moved, moments, least=least, radius=1.05)
         except ValueError as error:
             return str(error)
         return tries.stance(0, 1.05, _HEIGHTS[2])

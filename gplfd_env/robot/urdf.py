@@ -53,51 +53,33 @@ def robot_of_urdf(
     Place and posture are searched for each group of doors (`gplfd_env.robot.search`).
 
     Args:
-        path: The URDF. Its joints between root and tool are the arm's, its other
-            joints but the fingers' are locked.
+        path: The URDF. Joints other than those from its root to the tool and the
+            fingers' are locked.
         name: Name in messages; by default the name in the URDF.
         base: Whether the stand is fixed or mobile.
-        tool: Link of the hand; by default the link of the fingers, or the link before
-            the gripper at the end of the longest chain, or that chain's last link.
-        grasp_point: Between the finger tips, frame of the tool [m]; needed with
-            fingers. For the generic gripper it is 0.16 m beyond the tool.
+        tool: Link of the hand; by default that of the fingers, or of the longest chain
+            the link before its gripper or its end.
+        grasp_point: Between the finger tips, frame of the tool [m], with fingers.
         approach: Direction in which the hand approaches, frame of the tool; by default
-            z with fingers, otherwise the axis of the tool that leads away from the
-            last joint.
+            z with fingers, else its axis that leads away from the last joint.
         closing: Direction in which the first finger opens, frame of the tool; by
-            default the direction of its joint, or the tool's x axis.
-        fingers: Two prismatic joints, zero when closed; None for an arm without a
-            gripper, which gets the generic one.
+            default the direction of its joint, else x.
+        fingers: Two prismatic joints, zero when closed; else the arm gets a gripper.
         effort: Limit of every joint, or of some by name, for a URDF without [N m].
         velocity: The same of the speed [rad/s].
 
-    Raises:
-        ValueError: The file is not a URDF, or names or numbers do not fit it.
+    Raises a ValueError if the file is not a URDF, or an argument does not fit it.
     """
     path = urdf_path(os.fspath(path))
     urdf, tool = read_urdf(str(path)), prefixed(tool)
-    if fingers is not None:
-        fingers = prefixed(fingers[0]), prefixed(fingers[1])
-        joints = [urdf.joint_map.get(finger) for finger in fingers]
-        for finger, joint in zip(fingers, joints, strict=True):
-            limit = joint and joint.type == "prismatic" and joint.limit
-            if not limit or not (limit.upper or 0.0) > 0.0:
-                raise ValueError(
-                    f"{path.name}: fingers are two prismatic joints that open from "
-                    f"zero to a positive upper limit [m], got {finger!r}"
-                )
-        tool = tool or joints[0].parent
-        axes = urdf.get_transform(joints[0].child, tool)[:3, :3]
-        closing = axes @ joints[0].axis if closing is None else closing
-        if grasp_point is None:
-            raise ValueError(
-                f"{path.name}: give grasp_point, where the finger tips meet in the "
-                f"frame of {tool} [m]"
-            )
+    strokes = _strokes(urdf, path.name, fingers, grasp_point)
+    if fingers:
+        joint = urdf.joint_map[prefixed(fingers[0])]
+        tool, approach = tool or joint.parent, approach or (0.0, 0.0, 1.0)
+        axes = urdf.get_transform(joint.child, tool)[:3, :3]
+        closing = axes @ joint.axis if closing is None else closing
     arm, tool = _arm_of(urdf, path.name, tool)
-    if approach is None:
-        approach = (0.0, 0.0, 1.0) if fingers else _outwards(urdf, arm, tool)
-    approach = _unit("approach", approach)
+    approach = _unit("approach", approach or _outwards(urdf, arm, tool))
     across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
     closing = _unit("closing", across if closing is None else closing)
     if abs(np.dot(approach, closing)) > 1e-6:
@@ -111,29 +93,16 @@ def robot_of_urdf(
         "grasp_point": (0.0, 0.0, -_GRIPPER_REACH),
         "approach": (0.0, 0.0, -1.0),
     }
-    if fingers is not None:
+    if fingers:
         hand = {
             "tool": tool,
-            "fingers": fingers,
-            "finger_stroke": min(0.045, *(float(j.limit.upper) for j in joints)),
+            "fingers": tuple(map(prefixed, fingers)),
+            "finger_stroke": min(0.045, *strokes),
             "grasp_point": tuple(np.array(grasp_point, dtype=float).tolist()),
             "approach": approach,
             "closing": closing,
         }
-    capsules = [
-        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
-        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
-    ]
-    for (_, link), (_, following) in itertools.pairwise(arm):
-        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
-        if math.hypot(x, y, z) > _LINK_RADIUS:
-            ends = (0.0, 0.0, 0.0, x, y, z)
-            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
-    # The camera is beside the palm and looks at the finger tips.
     axes = grasp_axes(approach, closing) if fingers else np.eye(3)
-    place = np.array(hand["grasp_point"]) + axes @ [0.0, -0.12, 0.175]
-    views: list[Array] = [place, -axes[:, 0], axes @ [0.0, -0.83, -0.56]]
-    camera: Any = tuple(tuple(vector.tolist()) for vector in views)
     robot = RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
@@ -143,9 +112,9 @@ def robot_of_urdf(
         arm=tuple(joint for joint, _ in arm),
         armature=(_ARMATURE,) * len(arm),
         forearm=arm[len(arm) // 2][1],
-        capsules=tuple(capsules),
+        capsules=_capsules(urdf, arm),
         sensor=hand["tool"],
-        hand_camera=camera,
+        hand_camera=_camera(axes, np.array(hand["grasp_point"])),
         effort=_limits(urdf, path.name, arm, "effort", "N m", effort),
         velocity=_limits(urdf, path.name, arm, "velocity", "rad/s", velocity),
         search=searched_stance,
@@ -156,6 +125,45 @@ def robot_of_urdf(
     except ValueError as error:
         raise ValueError(f"{path}: MuJoCo cannot simulate it: {error}") from error
     return robot
+
+
+def _strokes(
+    urdf: Any, file: str, fingers: tuple[str, str] | None, grasp_point: Vector | None
+) -> list[float]:
+    """Return how far the fingers open [m]."""
+    strokes = []
+    for finger in map(prefixed, fingers or ()):
+        joint = urdf.joint_map.get(finger)
+        slides = joint and joint.type == "prismatic" and joint.limit
+        strokes.append(float(joint.limit.upper or 0.0) if slides else 0.0)
+        if not strokes[-1] > 0.0 or grasp_point is None:
+            raise ValueError(
+                f"{file}: fingers are two prismatic joints that open from zero to a "
+                f"positive upper limit [m], got {finger!r}; also give grasp_point, "
+                "where their tips meet in the frame of the tool [m]"
+            )
+    return strokes
+
+
+def _camera(axes: Array, point: Array) -> Any:
+    """Return a camera beside the palm that looks at the finger tips."""
+    place = point + axes @ [0.0, -0.12, 0.175]
+    vectors = place, -axes[:, 0], axes @ [0.0, -0.83, -0.56]
+    return tuple(tuple(vector.tolist()) for vector in vectors)
+
+
+def _capsules(urdf: Any, arm: list[tuple[str, str]]) -> tuple[Capsule, ...]:
+    """Return capsules around the stand and between the joints of an arm."""
+    capsules = [
+        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
+        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
+    ]
+    for (_, link), (_, following) in itertools.pairwise(arm):
+        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
+        if math.hypot(x, y, z) > _LINK_RADIUS:
+            ends = (0.0, 0.0, 0.0, x, y, z)
+            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
+    return tuple(capsules)
 
 
 def _unit(what: str, vector: Any) -> Vector:

@@ -6,7 +6,7 @@ grasp (4 ms) and is cached. Mass, hinge and closer are written directly.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
@@ -17,7 +17,18 @@ from gplfd_env.conventions.constants import Array, Control
 from gplfd_env.doors.config import MOTIONS, DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.model import GRIPS, Hold, add_collisions, add_walls, load_robot
+from gplfd_env.robot.mobile_base import BASE_JOINTS
+from gplfd_env.robot.model import (
+    GRIPS,
+    ROTATION_SERVOS,
+    SIDES,
+    TRANSLATION_SERVOS,
+    WRENCH_LIMITS,
+    Hold,
+    add_collisions,
+    add_walls,
+    load_robot,
+)
 from gplfd_env.robot.placement import (
     arm_addresses,
     check_reach,
@@ -36,7 +47,6 @@ from gplfd_env.scene.door import (
     set_door_physics,
     structure_of,
 )
-from gplfd_env.scene.sensors import add_sensors
 
 GRASP_KEY: Final = 0
 """Index of the keyframe "grasp": door closed, handle held, everything at rest; with a
@@ -54,6 +64,11 @@ SCENE_FIELDS: Final = (
 )  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
+_SITE: Final = mujoco.mjtObj.mjOBJ_SITE
+_JOINT: Final = mujoco.mjtObj.mjOBJ_JOINT
+_CONTACT_FOUND: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
+_CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
+_NET_FORCE: Final = 3
 _PLAIN: Final = DoorConfig(panel_mass=NOMINAL_MASS)
 # Fields of a door and its parts that `set_door_physics` writes into a scene.
 _WRITTEN_LATER: Final = {
@@ -84,7 +99,7 @@ def build_spec(
     spec = load_robot(control, door, robot)
     add_arena(spec, door, robot)
     add_door(spec, door, placement, structure, robot)
-    add_sensors(spec, structure, control, robot, grasp)
+    _add_sensors(spec, structure, control, robot, grasp)
     add_walls(spec, door, robot.base)
     if robot.base == "mobile":
         add_collisions(spec, robot)
@@ -217,3 +232,81 @@ def _settled(
         model.key_qpos[GRASP_KEY] = data.qpos
         model.key_ctrl[GRASP_KEY] = data.ctrl
     return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
+
+
+def _add_sensors(
+    spec: mujoco.MjSpec,
+    structure: Structure,
+    control: Control,
+    robot: RobotConfig,
+    grasp: Hold,
+) -> None:
+    """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
+
+    Poses and twists of the hand are measured in the task frame; wrist force and torque
+    in the sensor site's frame (the hand's axes); the leaf's axes and the contact force
+    on the handle in the world frame. Handle and bolt, if there are any, come last.
+    """
+
+    def add(
+        name: str, kind: str, of: mujoco.mjtObj, target: str, reference: str = ""
+    ) -> mujoco.MjsSensor:
+        kind_of = getattr(mujoco.mjtSensor, f"mjSENS_{kind}")
+        sensor = spec.add_sensor(name=name, type=kind_of, objtype=of, objname=target)
+        if reference:
+            sensor.reftype, sensor.refname = _SITE, reference
+        return sensor
+
+    def add_joints(names: Sequence[str]) -> None:
+        for suffix in ("pos", "vel"):
+            for name in names:
+                add(f"{name}_{suffix}", f"JOINT{suffix.upper()}", _JOINT, name)
+
+    def add_axes(first: str, site: str, reference: str = "") -> None:
+        for axis in "xyz":
+            kind = f"FRAME{axis.upper()}AXIS"
+            add(f"{first}_{axis}axis", kind, _SITE, site, reference)
+
+    def add_contact(
+        name: str, of: mujoco.mjtObj, target: str, fields: int, reduction: int = 0
+    ) -> None:
+        """Add the contact between the handle and a pad, a finger or anything."""
+        sensor = add(name, "CONTACT", of, target)
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, "handle_bar"
+        sensor.intprm[:3] = [fields, reduction, 1]
+
+    servos = ("servo_rotation",) if control == "pose" else ROTATION_SERVOS
+    for name in (*TRANSLATION_SERVOS, *servos):
+        sensor = name.replace("servo_rotation", "hand_rotvec").replace("servo", "hand")
+        add(sensor, "ACTUATORPOS", mujoco.mjtObj.mjOBJ_ACTUATOR, name)
+    add("hand_linvel", "FRAMELINVEL", _SITE, "hand", "task_frame")
+    add("hand_angvel", "FRAMEANGVEL", _SITE, "hand", "task_frame")
+    add_joints(robot.arm)
+    add("wrist_force", "FORCE", _SITE, "wrist_ft").cutoff = WRENCH_LIMITS[0]
+    add("wrist_torque", "TORQUE", _SITE, "wrist_ft").cutoff = WRENCH_LIMITS[1]
+    add_axes("wrist", "wrist_ft", "task_frame")
+    if robot.base == "mobile":
+        add_joints(BASE_JOINTS)
+    if grasp == "gripper":
+        add("finger", "JOINTPOS", _JOINT, robot.fingers[0])
+    if robot.base == "mobile":
+        add("hinge_end", "TENDONLIMITFRC", mujoco.mjtObj.mjOBJ_TENDON, "hinge_end")
+    add("hinge_angle", "JOINTPOS", _JOINT, "hinge")
+    add("hinge_velocity", "JOINTVEL", _JOINT, "hinge")
+    add("handle_pos", "FRAMEPOS", _SITE, "handle", "task_frame")
+    add("hand_on_handle", "FRAMEPOS", _SITE, "hand", "handle")
+    turning = structure.handle != "bar"
+    level = MOTIONS[structure.motion].level
+    add_axes("handle", "leaf_axes" if turning or level else "handle")
+    for side, finger in zip(SIDES, robot.fingers, strict=True):
+        touching = mujoco.mjtObj.mjOBJ_GEOM, f"{side}_finger_pad"
+        if turning:
+            touching = mujoco.mjtObj.mjOBJ_BODY, spec.joint(finger).parent.name
+        add_contact(f"{side}_pad_contact", *touching, _CONTACT_FOUND)
+    anything = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
+    add_contact("bar_force", *anything, _CONTACT_FORCE, _NET_FORCE)
+    add("hinge_stop", "JOINTLIMITFRC", _JOINT, "hinge")
+    if turning:
+        add("handle_angle", "JOINTPOS", _JOINT, "handle")
+    if structure.latched:
+        add("bolt", "JOINTPOS", _JOINT, "bolt")

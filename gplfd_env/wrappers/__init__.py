@@ -1,4 +1,4 @@
-"""Wrappers for learning: other forms of actions, observations, rewards and infos.
+"""Wrappers for learning: other forms of actions, observations and rewards.
 
 Each wrapper exists for single environments and, with the prefix ``Vector``, for vector
 environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`` is
@@ -11,10 +11,8 @@ from gplfd_env.task.stages import REASONS
 from gplfd_env.wrappers.forms import (
     LIMITS,
     FlatObservation,
-    NumericInfo,
     RelativeAction,
     VectorFlatObservation,
-    VectorNumericInfo,
     VectorRelativeAction,
     action_of,
     command_of,
@@ -28,11 +26,9 @@ __all__ = [
     "REASONS",
     "FlatObservation",
     "GentleReward",
-    "NumericInfo",
     "RelativeAction",
     "VectorFlatObservation",
     "VectorGentleReward",
-    "VectorNumericInfo",
     "VectorRelativeAction",
     "action_of",
     "command_of",

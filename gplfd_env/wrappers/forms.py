@@ -1,4 +1,4 @@
-"""Other forms of actions, observations and infos: relative, flat, numeric."""
+"""Other forms of actions and observations: relative, flat."""
 
 import reprlib
 from collections.abc import Mapping
@@ -11,7 +11,6 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from gplfd_env.conventions.constants import Array, Info
-from gplfd_env.task.info import INFO, TEXTS
 from gplfd_env.validation.fields import real_array
 
 LIMITS: Final = (0.03, 0.1)
@@ -188,50 +187,3 @@ def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
         for end in ("low", "high")
     )
     return spaces.Box(low, high, dtype=np.float32)
-
-
-_CODES: Final = {
-    # A simulation without a value in this info has None, or 0 from Gymnasium.
-    name: {None: 0, 0: 0} | {text: n for n, text in enumerate(INFO[name].texts)}
-    for name in TEXTS
-}
-
-
-class _Coded:
-    """Reset and step of single or vector environments with codes in their infos."""
-
-    env: Any
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin an episode, or one in each environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return observation, _coded(info)
-
-    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Command every hand for one control period."""
-        *outcome, info = self.env.step(action)
-        return (*outcome, _coded(info))
-
-
-class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
-    """Replace text in ``info`` by ``failure_code``, ``reason_code``, ``stage_code``."""
-
-
-class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
-    """`NumericInfo` for vector environments: (n,) int64, with its mask."""
-
-
-def _coded(info: Mapping[str, Any]) -> Info:
-    """Return an info with codes, also in its masks and in ``final_info``."""
-    coded = dict(info)
-    for name, codes in _CODES.items():
-        if name in info:
-            of_each = np.vectorize(codes.__getitem__, otypes=[np.int64])(
-                coded.pop(name)
-            )
-            coded[f"{name}_code"] = of_each if of_each.ndim else int(of_each)
-        if f"_{name}" in info:
-            coded[f"_{name}_code"] = coded.pop(f"_{name}")
-    if "final_info" in info:
-        coded["final_info"] = _coded(info["final_info"])
-    return coded
