@@ -11,6 +11,5 @@ def asset_path(name: str) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise FileNotFoundError(
-        f"asset {name!r} was not found beside {_PACKAGE.name}; reinstall the package "
-        "(pip install gplfd) or run from a complete checkout"
+        f"asset {name!r} is missing; reinstall gplfd or run from a complete checkout"
     )

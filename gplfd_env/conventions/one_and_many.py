@@ -86,21 +86,14 @@ def mapped(function: Callable[..., Any], *records: Any) -> Any:
     """Apply a function to the entries of equally structured records."""
     first = records[0]
     if isinstance(first, dict):
-        return {
-            name: mapped(function, *[record[name] for record in records])
-            for name in first
-        }
+        return {x: mapped(function, *[y[x] for y in records]) for x in first}
     if isinstance(first, tuple):
         parts = [mapped(function, *entries) for entries in zip(*records, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
     if not dataclasses.is_dataclass(first) or isinstance(first, type):
         return function(*records)
-    values = {
-        field.name: mapped(
-            function, *[getattr(record, field.name) for record in records]
-        )
-        for field in dataclasses.fields(first)
-    }
+    names = [field.name for field in dataclasses.fields(first)]
+    values = {x: mapped(function, *[getattr(y, x) for y in records]) for x in names}
     return dataclasses.replace(first, **values)
 
 
@@ -122,10 +115,7 @@ def row_of(record: Record, row: int) -> Record:
 
 def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
     """Return the components of a vector as n tuples, one per simulation."""
-    parts = [
-        component.tolist() if isinstance(component, np.ndarray) else [component]
-        for component in vector
-    ]
+    parts = [x.tolist() if isinstance(x, np.ndarray) else [x] for x in vector]
     return list(zip(*parts, strict=True))
 
 

@@ -34,7 +34,4 @@ def choose_opengl() -> None:
     elif library is None and way not in (*_OTHERS, *_NONE):
         raise OSError(f"MUJOCO_GL={way} must be egl, osmesa or glfw, or be unset")
     elif library is not None and not ctypes.util.find_library(library):
-        raise OSError(
-            f"MUJOCO_GL={way} needs the library {library}, which is not installed; "
-            "unset it, or install the library (see gplfd doctor)"
-        )
+        raise OSError(f"MUJOCO_GL={way} needs the library {library}; see gplfd doctor")

@@ -20,26 +20,23 @@ def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, An
     """Return the options of a reset that are not None; refuse unknown ones."""
     if not isinstance(options, Mapping | None):
         raise ValueError(
-            f'options must be a mapping such as {{"door": "small"}}, got {options!r}'
+            f'options must be a mapping as {{"door": "small"}}, not {options!r}'
         )
     named = options or {}
     unknown = [repr(name) for name in named if name not in allowed]
     if unknown:
         choices = [f'"{name}" ({meaning})' for name, meaning in allowed.items()]
+        names = ", ".join(unknown)
         raise ValueError(
-            f"unknown reset option(s) {', '.join(unknown)}; allowed: "
-            f"{', '.join(choices)}"
+            f"unknown reset option(s) {names}; allowed: {', '.join(choices)}"
         )
     return {name: value for name, value in named.items() if value is not None}
 
 
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
     """Add to each value, also nested ones, a mask ``"_key"`` of its valid rows."""
-    nested = {
-        name: masked(unmasked(value), rows)
-        for name, value in values.items()
-        if isinstance(value, dict)
-    }
+    inner = {name: value for name, value in values.items() if isinstance(value, dict)}
+    nested = {name: masked(unmasked(value), rows) for name, value in inner.items()}
     masks = dict.fromkeys(_mask_names(tuple(values)), rows.copy())
     return {**values, **nested, **masks}
 
@@ -62,8 +59,7 @@ def each(
         return [resolve(values)] * (n or 1)
     if len(values) != n:
         raise ValueError(
-            f"{name} must be one for all simulations or a sequence of {n}, got "
-            f"{len(values)}"
+            f"{name} must be one for all or a sequence of {n}, got {len(values)}"
         )
     return [resolve(value) for value in values]
 
@@ -77,9 +73,7 @@ def each_seed(seed: Seeds, n: int) -> list[int | None]:
     except TypeError:
         seeds = []
     if len(seeds) != n:
-        raise ValueError(
-            f"seed must be an integer, None or a sequence of {n}, got {seed!r}"
-        )
+        raise ValueError(f"seed must be an integer or a sequence of {n}, got {seed!r}")
     return seeds
 
 
@@ -90,11 +84,8 @@ def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
     array = np.asarray(mask)
     if array.shape != (n,) or array.dtype != np.bool_ or not array.any():
         raise ValueError(
-            f"reset_mask must be an array of {n} booleans with at least one True, got "
-            f"{mask!r}"
+            f"reset_mask must be {n} booleans, not all False, got {mask!r}"
         )
     if not begun and not array.all():
-        raise ValueError(
-            "the first reset must reset all simulations; leave out the mask"
-        )
+        raise ValueError("the first reset must reset all simulations; omit the mask")
     return array

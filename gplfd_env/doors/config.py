@@ -184,9 +184,7 @@ class DoorConfig:
         rules = MOTIONS[motion]
         for name in changed_fields(self.mechanism):
             if name not in rules.mechanism:
-                motions = (
-                    other for other in MOTIONS if name in MOTIONS[other].mechanism
-                )
+                motions = (x for x in MOTIONS if name in MOTIONS[x].mechanism)
                 return f"mechanism.{name} is a field of motion = {' or '.join(motions)}"
         if rules.level != (self.hinge_side in ("bottom", "top")):
             return (
@@ -199,8 +197,8 @@ class DoorConfig:
             return f"motion = {motion!r} with swing = 'push'; choose swing = 'pull'"
         if self.latch == "spring" and self.handle == "bar":
             return (
-                "latch = 'spring' with handle = 'bar', which does not turn and could "
-                "not retract the bolt; choose handle = 'lever' or 'knob'"
+                "latch = 'spring' with handle = 'bar', which does not turn; choose "
+                "handle = 'lever' or 'knob'"
             )
         if self.handle == "touch-bar" and self.swing == "pull":
             return (

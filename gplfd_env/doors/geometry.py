@@ -75,7 +75,7 @@ class DoorGeometry:
         for name, vector in (("hinge", hinge), ("axis", axis)):
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ValueError(
-                    f"DoorGeometry.{name} must be three finite numbers, got {vector}"
+                    f"DoorGeometry.{name} must be three numbers, got {vector}"
                 )
         length = math.sqrt(axis @ axis)
         axis = axis / length if length > 0.0 else axis
@@ -83,8 +83,8 @@ class DoorGeometry:
         radius = math.sqrt(hinge @ hinge)
         if not (length > 0.0 and radius > 0.0):
             raise ValueError(
-                f"no door turns about {self.axis} through {self.hinge}: the axis must "
-                "have a direction and not pass through the handle, the origin"
+                f"no door turns about {self.axis} through {self.hinge}: it must have a "
+                "direction and not pass through the handle, the origin"
             )
         pull = np.cross(hinge, axis) / radius
         if self.links:
@@ -231,8 +231,7 @@ def handle_axis(door: DoorConfig) -> tuple[Array, Array]:
         spindle = np.array([-door.handle_arm * back, -door.handle_arm * below, 0.0])
         return spindle, np.array([0.0, 0.0, -1.0])
     if door.handle in ROCKERS:
-        return np.array([0.0, door.handle_arm, 0.0]), np.array(
-            [0.0, 0.0, door.swing_sign]
-        )
+        turn = np.array([0.0, 0.0, door.swing_sign])
+        return np.array([0.0, door.handle_arm, 0.0]), turn
     side = door.hinge_sign
     return np.array([0.0, 0.0, side * door.hand_offset]), np.array([-side, 0.0, 0.0])

@@ -108,17 +108,13 @@ def rollers(
     over 10 cm. The torques do the same work as these forces per rad of `door_angle`.
     """
     gain = sliding_gain(way)
-    fields: dict[str, Any] = {
-        "panel_mass": mass,
-        "hinge_friction": coefficient * mass * GRAVITY * gain,
-        "hinge_damping": _ROLLER_DAMPING * gain**2,
-    }
+    friction = coefficient * mass * GRAVITY * gain
+    fields: dict[str, Any] = {"panel_mass": mass, "hinge_friction": friction}
+    fields["hinge_damping"] = _ROLLER_DAMPING * gain**2
     if soft_close > 0.0:
-        fields["closer"] = Closer(
-            boost=soft_close * gain,
-            boost_angle=_SOFT_CLOSE_WAY / gain,
-            closing_damping=_SOFT_CLOSE_DAMPING * gain**2,
-        )
+        fades, damping = _SOFT_CLOSE_WAY / gain, _SOFT_CLOSE_DAMPING * gain**2
+        closer = {"boost_angle": fades, "closing_damping": damping}
+        fields["closer"] = Closer(boost=soft_close * gain, **closer)
     return fields
 
 
@@ -148,9 +144,5 @@ def leaf(
     weight = mass * GRAVITY
     sideways = weight * (width / 2.0) / _HINGE_SPAN
     moment = weight * _THRUST_RADIUS + 2.0 * sideways * _PIN_RADIUS
-    return {
-        "radius": width - backset,
-        "leaf": Leaf(width=width, backset=backset),
-        "panel_mass": mass,
-        "hinge_friction": BEARINGS[bearing] * moment,
-    }
+    fields = {"radius": width - backset, "leaf": Leaf(width=width, backset=backset)}
+    return fields | {"panel_mass": mass, "hinge_friction": BEARINGS[bearing] * moment}

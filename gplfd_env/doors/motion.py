@@ -79,24 +79,19 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
     upright = (0.0, side * way, 0.0)
     hinge = Link("hinge", False, upright, (0.0, 0.0, -side * door.hand_radius), (1.0,))
     if door.motion == "sliding":
-        return (
-            Link("along", True, inwards, origin, (sliding_gain(door.clear_width),)),
-        )
+        gain = sliding_gain(door.clear_width)
+        return (Link("along", True, inwards, origin, (gain,)),)
     if door.motion == "parallel-sliding":
         u = _ALONG_AT_SUCCESS / SUCCESS_ANGLE
         w, s = door.mechanism.offset, door.clear_width
         out = (4.0 * w * u, -6.0 * w * u**2, 4.0 * w * u**3, -w * u**4)
         along = (0.0, 2.0 * s * u**2, -s * u**3)
-        return (
-            Link("out", True, outwards, origin, out),
-            Link("along", True, inwards, origin, along),
-        )
+        slide = Link("along", True, inwards, origin, along)
+        return Link("out", True, outwards, origin, out), slide
     if door.motion == "folding":
         middle = (0.0, 0.0, -side * door.fold_distance)
-        return (
-            Link("fold", False, upright, hinge.anchor, (_FOLD_GAIN,)),
-            Link("unfold", False, upright, middle, (-2.0 * _FOLD_GAIN,)),
-        )
+        unfold = Link("unfold", False, upright, middle, (-2.0 * _FOLD_GAIN,))
+        return Link("fold", False, upright, hinge.anchor, (_FOLD_GAIN,)), unfold
     if door.motion == "flap":
         down = -1.0 if door.hinge_side == "bottom" else 1.0
         anchor = (0.0, down * door.radius, 0.0)
@@ -106,11 +101,8 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
         return Link("rise", True, up, origin, (rise,)), hinge
     if door.motion == "concealed-hinge":
         back = tuple(-gain for gain in _FOUR_BAR_ALONG)
-        return (
-            Link("out", True, outwards, origin, _FOUR_BAR_OUT),
-            Link("along", True, inwards, origin, back),
-            hinge,
-        )
+        slide = Link("along", True, inwards, origin, back)
+        return Link("out", True, outwards, origin, _FOUR_BAR_OUT), slide, hinge
     return (hinge,)
 
 
@@ -186,15 +178,10 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
     before, after = (carried(links, angles + shift, closed) for shift in (-step, step))
     x, _, z = (after - before)[:, :3].T / (2.0 * step)
     cosine, sine = (np.cos(before[:, 4]), np.sin(before[:, 4]))
-    directions = (
-        door.swing_sign * (cosine * x - sine * z),
-        door.hinge_sign * (sine * x + cosine * z),
-    )
-    normal, outwards = (
-        tuple(polyfit(angles, components, _DEGREE).tolist())
-        for components in directions
-    )
-    return normal, outwards
+    along = door.swing_sign * (cosine * x - sine * z)
+    outwards = door.hinge_sign * (sine * x + cosine * z)
+    fits = [polyfit(angles, part, _DEGREE) for part in (along, outwards)]
+    return tuple(fits[0].tolist()), tuple(fits[1].tolist())
 
 
 def carried(links: Sequence[Link], angle: ArrayLike, poses: Array) -> Array:
@@ -221,11 +208,8 @@ def rotated(vector: Array, axis: Array, angles: Array) -> Array:
 
 def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
     """Return torques at the closed door [N m] and the angles [rad] of their zeros."""
-    return (
-        (door.stiction, STICTION_ANGLE),
-        (door.seal, door.seal_angle),
-        (door.closer.boost, door.closer.boost_angle),
-    )
+    boost = door.closer.boost, door.closer.boost_angle
+    return (door.stiction, STICTION_ANGLE), (door.seal, door.seal_angle), boost
 
 
 def has_tendons(door: DoorConfig) -> bool:

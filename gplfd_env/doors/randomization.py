@@ -112,14 +112,12 @@ class DoorRandomization:
                 raise ValueError(f"{label} = {values!r} must be a pair of numbers")
             low, high = map(checked_number, (label, label), values, limits)
             if field.default is None and low > high:
-                raise ValueError(
-                    f"{label} = {values} must be (low, high) with low <= high"
-                )
+                raise ValueError(f"{label} = {values} must be (low, high), low <= high")
             object.__setattr__(self, field.name, (low, high))
         if self.shortest_delay > self.longest_delay:
             raise ValueError(
-                f"DoorRandomization.shortest_delay = {self.shortest_delay} must not be "
-                f"above longest_delay = {self.longest_delay}"
+                f"DoorRandomization.shortest_delay = {self.shortest_delay} must not "
+                f"exceed longest_delay = {self.longest_delay}"
             )
 
     @property
@@ -144,7 +142,7 @@ class DoorRandomization:
             kinds: Any = itertools.product(_HANDLES, _SWINGS, _SIDES)
             names = "handle", "swing", "hinge_side"
             doors = [
-                DoorConfig(**far, **dict(zip(names, k, strict=True))) for k in kinds
+                DoorConfig(**far, **dict(zip(names, x, strict=True))) for x in kinds
             ]
         drawn = {"radius": self.radius, "handle_height": self.handle_height}
         ends = {name: pair[1] for name, pair in drawn.items() if pair is not None}
@@ -152,11 +150,8 @@ class DoorRandomization:
 
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode; the number of draws depends only on `doors`."""
-        ranges = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if field.default is None
-        }
+        varied = [x.name for x in dataclasses.fields(self) if x.default is None]
+        ranges = {name: getattr(self, name) for name in varied}
         draws = iter(rng.random(len(ranges) + 6).tolist())
         if self.doors == "standard":
             door = standard_door(np.random.default_rng(int(rng.integers(2**63))))
@@ -232,9 +227,8 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
     """Draw a door of a building: its structure, leaf, handle, latch and closer."""
     width, backset = LEAVES[rng.integers(len(LEAVES))]
     construction = _CONSTRUCTIONS[rng.integers(len(_CONSTRUCTIONS))]
-    fields: dict[str, Any] = leaf(
-        width, construction, backset=backset, bearing=_choice(_BEARINGS, rng)
-    )
+    bearing = _choice(_BEARINGS, rng)
+    fields: dict[str, Any] = leaf(width, construction, backset=backset, bearing=bearing)
     handle = _choice(_HANDLES, rng)
     fields |= {
         "handle": handle,
@@ -247,10 +241,8 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
         "seal": rng.uniform(0.0, 3.0),
         "seal_angle": math.radians(rng.uniform(2.0, 5.0)),
     }
-    lockset = {
-        "bolt_throw": (0.0127, 0.019)[rng.integers(2)],
-        "bolt_preload": rng.uniform(2.5, 8.0),
-    }
+    throw = (0.0127, 0.019)[rng.integers(2)]
+    lockset = {"bolt_throw": throw, "bolt_preload": rng.uniform(2.5, 8.0)}
     if handle == "lever":
         lockset |= {
             "handle_length": rng.uniform(0.105, 0.125),

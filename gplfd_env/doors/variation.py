@@ -99,10 +99,8 @@ class Perception(Quantities):
         low = normal.cdf(-BELIEF_LIMIT)
         shares = low + (1.0 - 2.0 * low) * rng.random(6)
         stds = 3 * [self.position] + 3 * [self.rotation]
-        return {
-            name: std * normal.inv_cdf(share)
-            for name, std, share in zip(_BELIEFS, stds, shares.tolist(), strict=True)
-        }
+        pairs = zip(_BELIEFS, stds, shares.tolist(), strict=True)
+        return {name: std * normal.inv_cdf(share) for name, std, share in pairs}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -45,10 +45,9 @@ class Camera:
         if mode == "human":
             if self._window is None or self._drawn is not data.model:
                 self.close()
-                self._drawn, size = data.model, (self._width, self._height)
-                self._window = MujocoRenderer(
-                    data.model, data, None, *size, camera_name=self._name
-                )
+                self._drawn = data.model
+                scene = data.model, data, None, self._width, self._height
+                self._window = MujocoRenderer(*scene, camera_name=self._name)
             self._window.render("human")
             return None
         if mode == "rgbd_tuple":
@@ -72,11 +71,10 @@ class Camera:
         renderer.update_scene(data, camera=self._name)
         for flag in _EFFECTS:
             renderer.scene.flags[flag] = self._effects
-        (
-            renderer.enable_depth_rendering
-            if depth
-            else renderer.disable_depth_rendering
-        )()
+        if depth:
+            renderer.enable_depth_rendering()
+        else:
+            renderer.disable_depth_rendering()
         return renderer.render()
 
     def _made_renderer(self, model: mujoco.MjModel) -> mujoco.Renderer:
@@ -109,6 +107,5 @@ def require_display() -> None:
         has_display = glfw.init() and glfw.get_primary_monitor()
     if not has_display:
         raise RuntimeError(
-            'render_mode="human" opens a window and needs a display; without one use '
-            '"rgb_array", or run under xvfb-run'
+            'render_mode="human" needs a display; use "rgb_array" or xvfb-run'
         )

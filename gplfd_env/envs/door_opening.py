@@ -161,9 +161,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._sources = sources
         drawn = sources.draw(0, self.np_random)
         self._simulation.restart(drawn.variation)
-        self._episode = episode = Episode.begin(
-            drawn, self._robot, self._reward, self._sense()
-        )
+        begun = drawn, self._robot, self._reward, self._sense()
+        self._episode = episode = Episode.begin(*begun)
         if self.render_mode == "human":
             self.render()
         return episode.observation(self._sensed), episode.info()
@@ -205,10 +204,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         RuntimeError if OpenGL is not available.
         """
         if self.render_mode is None:
-            gym.logger.warn(
-                "render() was called on an environment made without a render_mode; "
-                'use gym.make(..., render_mode="rgb_array")'
-            )
+            gym.logger.warn('render() needs gym.make(..., render_mode="rgb_array")')
             return None
         return self._camera.picture(self.render_mode, self.data)
 

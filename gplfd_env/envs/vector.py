@@ -169,18 +169,12 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         the infos mark them. Raises a ValueError for an unknown option, or a door, seed
         or mask that does not fit.
         """
-        fresh = {
-            row: np_random(of_row)
-            for row, of_row in enumerate(each_seed(seed, self.num_envs))
-            if of_row is not None or not self._random
-        }
-        self._sources, rows = self._sources.changed(
-            options, begun=self._episodes is not None
-        )
-        self._random = [
-            fresh[row] if row in fresh and rows[row] else self._random[row]
-            for row in range(self.num_envs)
-        ]
+        seeds, first = enumerate(each_seed(seed, self.num_envs)), not self._random
+        fresh = {row: np_random(x) for row, x in seeds if first or x is not None}
+        begun = self._episodes is not None
+        self._sources, rows = self._sources.changed(options, begun=begun)
+        now, every = self._random, range(self.num_envs)
+        self._random = [fresh[x] if x in fresh and rows[x] else now[x] for x in every]
         episodes = self._restart(rows)
         return episodes.observation(self._sensed), masked(episodes.info(), rows)
 
@@ -222,15 +216,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of every simulation, each (height, width, 3) uint8."""
         if self.render_mode is None:
-            gym.logger.warn(
-                "render() was called on a vector environment made without a "
-                'render_mode; use gym.make_vec(..., render_mode="rgb_array")'
-            )
+            gym.logger.warn('render() needs gym.make_vec(..., render_mode="rgb_array")')
             return None
-        return tuple(
-            self._camera.picture("rgb_array", self._batch.state_of(row))
-            for row in range(self.num_envs)
-        )
+        states = map(self._batch.state_of, range(self.num_envs))
+        return tuple(self._camera.picture("rgb_array", state) for state in states)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer; a later picture creates another."""
@@ -246,8 +235,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._sensed = self._batch.read(chosen, self._sensed)
         reward, values = self._reward, self._sensed
         begun = {
-            row: Episode.begin(episode, self._robot, reward, values[row].tolist())
-            for row, episode in drawn.items()
+            row: Episode.begin(x, self._robot, reward, values[row].tolist())
+            for row, x in drawn.items()
         }
         if self._episodes is None:
             self._episodes = Episodes(list(begun.values()))

@@ -51,9 +51,8 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
             joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
     for body, mesh, geom in _meshes(str(path), path.read_bytes()):
         spec.add_mesh(**mesh)
-        spec.body(body).add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH, mass=0.0, **geom, **INTANGIBLE
-        )
+        kind = mujoco.mjtGeom.mjGEOM_MESH
+        spec.body(body).add_geom(type=kind, mass=0.0, **geom, **INTANGIBLE)
     first, second = robot.fingers
     spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
@@ -216,10 +215,8 @@ def _mend_inertias(tree: ET.Element, urdf: Any, robot: RobotConfig, file: str) -
 
 def _origin(place: Array, axes: Array) -> dict[str, str]:
     turn = Rotation.from_matrix(axes).as_euler("xyz")
-    return {
-        "xyz": " ".join(map(repr, place.tolist())),
-        "rpy": " ".join(map(repr, turn.tolist())),
-    }
+    place_and_turn = [" ".join(map(repr, x.tolist())) for x in (place, turn)]
+    return dict(zip(("xyz", "rpy"), place_and_turn, strict=True))
 
 
 @lru_cache(maxsize=8)
@@ -239,10 +236,7 @@ def _meshes(
             try:
                 file = urdf._filename_handler(mesh.filename)
                 if not Path(file).is_file():
-                    raise FileNotFoundError(
-                        "no such file; it is searched from the folder of the URDF, "
-                        "for package:// also in those above"
-                    )
+                    raise FileNotFoundError("no such file in its folder or those above")
                 if Path(file).suffix.lower() not in _MESHES:
                     raise ValueError(f"a mesh is a {', '.join(_MESHES)} file")
                 if Path(file).stat().st_size > _LARGEST:

@@ -47,10 +47,8 @@ class Gripper:
         away = math.hypot(*hand[:3])
         closes = away <= AT_HANDLE[0] and math.hypot(*hand[3:]) <= AT_HANDLE[1]
         if self.uncertain:
-            moved, closing = (
-                math.dist(hand[:3], self._place),
-                self._rested >= AT_REST[2],
-            )
+            moved = math.dist(hand[:3], self._place)
+            closing = self._rested >= AT_REST[2]
             if moved > (RELEASE_DISTANCE if closing else AT_REST[1]):
                 self._place, self._rested = tuple(hand[:3]), 0.0
             elif not closing and away <= AT_REST[0]:

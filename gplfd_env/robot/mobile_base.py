@@ -68,9 +68,8 @@ def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
             actfrcrange=[-_NO_FORCE, _NO_FORCE],
         )
         motors.add_joint(name=f"{drive}_joint", type=kind, axis=axis, armature=inertia)
-        servo = spec.add_actuator(
-            name=drive, target=f"{drive}_joint", trntype=mujoco.mjtTrn.mjTRN_JOINT
-        )
+        joint = {"target": f"{drive}_joint", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
+        servo = spec.add_actuator(name=drive, **joint)
         servo.set_to_velocity(kv=_TRACKING)
     for name in robot.fingers:
         finger = spec.joint(name)

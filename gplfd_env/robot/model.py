@@ -77,9 +77,8 @@ def load_robot(control: Control, door: DoorConfig, robot: RobotConfig) -> mujoco
     tool, sensor = spec.body(robot.tool), spec.body(robot.sensor)
     to_task = gripper_rotation_w(door, robot).T @ task_rotation_w(door, robot)
     to_task = robot.grasp_axes @ to_task
-    tool.add_site(
-        name="hand", pos=robot.grasp_point, quat=quaternion(to_task), **UNDRAWN
-    )
+    hand = {"name": "hand", "pos": robot.grasp_point, "quat": quaternion(to_task)}
+    tool.add_site(**hand, **UNDRAWN)
     # The sensor site takes the hand site's axes.
     to_sensor = np.array(robot.sensor_rotation) @ to_task
     sensor.add_site(name="wrist_ft", quat=quaternion(to_sensor), **UNDRAWN)

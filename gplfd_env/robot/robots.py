@@ -38,18 +38,15 @@ def robot_named(spec: RobotSpec) -> RobotConfig:
     if isinstance(spec, RobotConfig):
         return spec
     if not isinstance(spec, str | os.PathLike):
-        raise TypeError(
-            f"robot must be a name, a path or a RobotConfig, got {type(spec).__name__}"
-        )
+        raise TypeError(f"robot must be a name, a path or a RobotConfig, got {spec!r}")
     name = os.fspath(spec)
     if not name.endswith((".json", ".urdf")):
         return _named(name)
     content = [Path(name).read_bytes()]
     if name.endswith(".json"):
         with contextlib.suppress(ValueError, TypeError, KeyError, OSError):
-            content.append(
-                (Path(name).parent / json.loads(content[0])["path"]).read_bytes()
-            )
+            path = Path(name).parent / json.loads(content[0])["path"]
+            content.append(path.read_bytes())
     return _of_file(name, tuple(content))
 
 

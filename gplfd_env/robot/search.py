@@ -343,9 +343,8 @@ def at_frame(
     yaw = math.atan2(-axes[1, 0], -axes[0, 0])
     moments = [f"at {time:.2f} s" for time in times]
     try:
-        tries, _ = _search(
-            robot, group, path, moments, least=len(path), place=place, yaw=yaw
-        )
+        args, least = (robot, group, path, moments), len(path)
+        tries, _ = _search(*args, least=least, place=place, yaw=yaw)
     except ValueError as error:
         raise ValueError(
             f"the arm of {robot.name} does not reach the path with the handle at "
@@ -380,14 +379,12 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
     opening[..., 2] = -side * np.outer(_RADII, 1.0 - np.cos(_OPENED))
     opening[..., 4] = side * way * _OPENED
     for number, radius in enumerate(_RADII):
-        moments = [
-            f"at {a:.0f}° of a door of {radius:g} m" for a in np.degrees(_OPENED)
-        ]
+        degrees = np.degrees(_OPENED)
+        moments = [f"at {x:.0f}° of a door of {radius:g} m" for x in degrees]
         least = len(_OPENED) + _QUALITY[0]
         try:
-            tries, scores = _search(
-                robot, group, opening[number], moments, least=least, radius=radius
-            )
+            args = robot, group, opening[number], moments
+            tries, scores = _search(*args, least=least, radius=radius)
         except ValueError as error:
             reason = str(error)
             continue

@@ -84,7 +84,7 @@ def robot_of_urdf(
     closing = _unit("closing", across if closing is None else closing)
     if abs(np.dot(approach, closing)) > 1e-6:
         raise ValueError(
-            f"approach {approach} and closing {closing} must be perpendicular"
+            f"approach {approach}, closing {closing} must be perpendicular"
         )
     hand: dict[str, Any] = {
         "tool": "gripper_link",
@@ -178,10 +178,9 @@ def _unit(what: str, vector: Any) -> Vector:
 def chosen(robot: RobotConfig) -> str:
     """Return what was chosen in a URDF, in words."""
     hand = f"the generic gripper on {robot.flange}" if robot.flange else robot.tool
-    return (
-        f"{robot.name}: joints {', '.join(robot.arm)}; hand: {hand}; on the stand: "
-        f"{robot.base_link or 'the root link'}"
-    )
+    stand = robot.base_link or "the root link"
+    joints = ", ".join(robot.arm)
+    return f"{robot.name}: joints {joints}; hand: {hand}; on the stand: {stand}"
 
 
 _HAND: Final = re.compile("gripper|finger|jaw|thumb|knuckle|claw", re.IGNORECASE)
@@ -202,10 +201,8 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[list[tuple[str, str]], str
     parents = {joint.parent for joint in joints}
     mimicked = {joint.mimic.joint for joint in joints if joint.mimic is not None}
     if tool and tool not in urdf.link_map:
-        raise ValueError(
-            f"{file} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
-            "give one of them as tool"
-        )
+        links = ", ".join(urdf.link_map)
+        raise ValueError(f"{file} has no link {tool!r}; it has {links}; give a tool")
 
     def chain(link: str) -> list[Any]:
         return [*chain(above[link].parent), above[link]] if link in above else []
@@ -276,10 +273,8 @@ def _outwards(urdf: Any, arm: list[tuple[str, str]], tool: str) -> Vector:
 def _base_of(urdf: Any, first: str) -> str:
     """Return the link on the stand: "" for the root, unless it is far or moves."""
     base, *above = lineage(urdf, urdf.joint_map[first].parent)
-    moves = any(
-        joint.type != "fixed" and joint.child in (base, *above)
-        for joint in urdf.joint_map.values()
-    )
+    moving = {x.child for x in urdf.joint_map.values() if x.type != "fixed"}
+    moves = not moving.isdisjoint((base, *above))
     far = urdf.get_transform(base, urdf.base_link)[2, 3] > 0.5
     return base if moves or far else ""
 

@@ -87,9 +87,8 @@ class BaseDrive:
         """Command the base by a twist: ahead, left, turning left [m/s, rad/s]."""
         forward, left, turning = twist
         cosine, sine = math.cos(base[2]), math.sin(base[2])
-        self._accelerate(
-            (cosine * forward - sine * left, sine * forward + cosine * left, turning)
-        )
+        ahead, aside = cosine * forward - sine * left, sine * forward + cosine * left
+        self._accelerate((ahead, aside, turning))
 
     def _accelerate(self, wanted: Planar) -> None:
         """Move the commanded rate towards a wanted one within the drive's limits."""
@@ -98,11 +97,8 @@ class BaseDrive:
         ax, ay = _shortened(wx - vx, wy - vy, ACCELERATION[0] * CONTROL_PERIOD)
         wanted_turn = min(max(wanted[2], -SPEED[1]), SPEED[1])
         step = ACCELERATION[1] * CONTROL_PERIOD
-        self.rate = (
-            vx + ax,
-            vy + ay,
-            turning + min(max(wanted_turn - turning, -step), step),
-        )
+        turn = min(max(wanted_turn - turning, -step), step)
+        self.rate = (vx + ax, vy + ay, turning + turn)
 
     def update_blocked(self, velocity: Planar) -> None:
         """Detect a blocked base from its measured rate [m/s, rad/s]."""
@@ -110,9 +106,8 @@ class BaseDrive:
         speed = math.hypot(vx, vy)
         along = vx * velocity[0] + vy * velocity[1]
         slow = speed > _BLOCKED_SPEED[0] and along < 0.5 * speed * speed
-        stiff = abs(turning) > _BLOCKED_SPEED[1] and (
-            turning * velocity[2] < 0.5 * turning * turning
-        )
+        slow_turn = turning * velocity[2] < 0.5 * turning * turning
+        stiff = abs(turning) > _BLOCKED_SPEED[1] and slow_turn
         self._slowed = self._slowed + CONTROL_PERIOD if slow or stiff else 0.0
 
     @property

@@ -110,12 +110,12 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
         right = np.cross(direction, up)
         right /= np.linalg.norm(right)
         axes = np.column_stack([right, np.cross(right, direction), -direction])
-        spec.worldbody.add_camera(
-            name=name,
-            pos=axes @ _camera_position(points @ axes),
-            xyaxes=[*axes[:, 0], *axes[:, 1]],
-            fovy=math.degrees(_FIELD_OF_VIEW),
-        )
+        place = axes @ _camera_position(points @ axes)
+        view = {
+            "xyaxes": [*axes[:, 0], *axes[:, 1]],
+            "fovy": math.degrees(_FIELD_OF_VIEW),
+        }
+        spec.worldbody.add_camera(name=name, pos=place, **view)
 
 
 def _camera_position(points: Array) -> Array:

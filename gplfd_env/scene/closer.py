@@ -35,9 +35,8 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
     """
     # A pure bias force, -(preload + stiffness * angle): a spring's reference angle
     # could not give a preload without a stiffness. Its control input has no gain.
-    closer = spec.add_actuator(
-        name="door_closer", target="hinge", trntype=mujoco.mjtTrn.mjTRN_JOINT
-    )
+    joint = {"target": "hinge", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
+    closer = spec.add_actuator(name="door_closer", **joint)
     closer.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     closer.gainprm[0] = 0.0
     closer.biastype = mujoco.mjtBias.mjBIAS_AFFINE

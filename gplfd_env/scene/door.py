@@ -391,10 +391,8 @@ def _add_visuals(
     if door.handle == "bar":
         return
     wide, gap = 0.035, 0.013
-    hinge, lock = (
-        z + turn * side * (gap + wide)
-        for z, turn in zip(_edges(door), (-1, 1), strict=True)
-    )
+    hinge, lock = _edges(door)
+    hinge, lock = hinge - side * (gap + wide), lock + side * (gap + wide)
     across = abs(lock - hinge) / 2.0 + wide
     for name, y, z, high, half in (
         ("casing_hinge", (floor + top) / 2.0, hinge, (top - floor) / 2.0, wide),
@@ -423,9 +421,8 @@ def _add_visuals(
     else:
         ball, size = mujoco.mjtGeom.mjGEOM_SPHERE, [KNOB_RADIUS, 0, 0]
         add_box(handle, "far_handle", [far, 0, 0], size, STEEL, type=ball, **seen)
-    add_rod(
-        leaf, "far_rose", [foot, 0.0, reach, foot - 0.008, 0.0, reach], 0.026, **seen
-    )
+    rose = [foot, 0.0, reach, foot - 0.008, 0.0, reach]
+    add_rod(leaf, "far_rose", rose, 0.026, **seen)
 
 
 def _top(door: DoorConfig) -> float:

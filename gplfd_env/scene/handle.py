@@ -220,12 +220,8 @@ def add_latch(
     ends, kind = [0.0, 0.0, tip - side * 0.03, 0.0, 0.0, tip], mujoco.mjtGeom
     add_rod(bolt, "bolt_nose", ends, _NOSE, type=kind.mjGEOM_CAPSULE, mass=_BOLT_MASS)
     # The strike is a wedge, in the plane of the leaf's motion.
-    corners = [
-        (0.0, 0.0),
-        (1.5 * _BEVEL * math.tan(_UNDERCUT[base]), 1.5 * _BEVEL),
-        (_BEVEL, _BEVEL),
-        (_BEVEL, 1.5 * _BEVEL),
-    ]
+    far, back = 1.5 * _BEVEL, 1.5 * _BEVEL * math.tan(_UNDERCUT[base])
+    corners = [(0.0, 0.0), (back, far), (_BEVEL, _BEVEL), (_BEVEL, far)]
     mesh = spec.add_mesh(name="strike")
     mesh.uservert = np.array(
         [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]

@@ -53,13 +53,11 @@ class SameStructureBatch:
 
     def load(self, row: int, variation: Variation) -> None:
         """See `DoorBatch.load`; the door has this structure."""
-        now = self.loaded[row]
+        now, door, model = self.loaded[row], variation.door, self.models[row]
         if variation.scene != now.scene:
-            drawn = self._robot.scene(variation)
-            load_scene(self.models[row], self._scratch, **drawn)
+            load_scene(model, self._scratch, **self._robot.scene(variation))
         if not now.disturbance.idle:
-            door = variation.door
-            set_hinge(self.models[row], end_angle(door), door.friction)
+            set_hinge(model, end_angle(door), door.friction)
         self.loaded[row] = variation
 
     def restart(self, rows: Rows) -> None:
@@ -75,10 +73,8 @@ class SameStructureBatch:
         self, commands: Array, rows: Rows | None, inputs: ExtraInputs
     ) -> Mask | None:
         """See `DoorBatch.advance`."""
-        if rows is None:
-            self._ctrl[:, :6] = commands[:, :6]
-        else:
-            self._ctrl[rows, :6] = commands[rows, :6]
+        chosen = slice(None) if rows is None else rows
+        self._ctrl[chosen, :6] = commands[chosen, :6]
         for row, rate in inputs.base_rates.items():
             self._ctrl[row, self._base_rate] = rate
         for row, width in inputs.gripper_widths.items():
@@ -87,10 +83,8 @@ class SameStructureBatch:
         for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
-        if self._gains:
-            pairs = zip(self._gains, servo_gains(commands[:, 6:]), strict=True)
-            for servo, gains in pairs:
-                servo.set(gains)
+        for row, servo in enumerate(self._gains):
+            servo.set(servo_gains(commands[row, 6:]))
         if changed:
             self._batch.set_models(self.models)
         self._batch.step(rows, nstep=self._substeps)
@@ -145,10 +139,8 @@ class DoorBatch:
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
         """The model of each simulation; live."""
-        return tuple(
-            self._batches[structure].models[row]
-            for row, structure in enumerate(self._structure)
-        )
+        rows = enumerate(self._structure)
+        return tuple(self._batches[of].models[row] for row, of in rows)
 
     def qpos_of(self, row: int) -> Array:
         """Return one simulation's joint positions, (nq,) [m, rad]; live."""
@@ -159,9 +151,8 @@ class DoorBatch:
         """Change the door of a simulation to restart; ValueError if out of reach."""
         structure = structure_of(variation.door)
         if structure not in self._batches:
-            n = len(self._structure)
-            batch = self._physics(n, self._robot, variation, self._threads)
-            self._batches[structure] = batch
+            begin = len(self._structure), self._robot, variation, self._threads
+            self._batches[structure] = self._physics(*begin)
         self._batches[structure].load(row, variation)
         self._structure[row] = structure
 
@@ -189,10 +180,8 @@ class DoorBatch:
         if len(self._batches) == 1 and rows is None:
             (batch,) = self._batches.values()
             return np.array(batch.sensordata)
-        widest = max(
-            self._batches[structure].sensordata.shape[1]
-            for structure in self._structure
-        )
+        used = [self._batches[structure] for structure in self._structure]
+        widest = max(batch.sensordata.shape[1] for batch in used)
         result = np.zeros((len(self._structure), widest))
         if values is not None:
             shared = min(widest, values.shape[1])
@@ -212,7 +201,4 @@ class DoorBatch:
         shares: dict[Structure, list[int]] = {}
         for row in range(len(self._structure)) if rows is None else rows:
             shares.setdefault(self._structure[row], []).append(row)
-        return [
-            (self._batches[structure], of_batch)
-            for structure, of_batch in shares.items()
-        ]
+        return [(self._batches[of], of_batch) for of, of_batch in shares.items()]

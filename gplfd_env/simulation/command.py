@@ -84,8 +84,8 @@ class Command:
         flat = command.ravel().tolist()
         if not all(map(math.isfinite, flat)):
             raise ValueError(
-                f"the action must be finite, got {command.tolist()}; check the policy "
-                "for divisions by zero or an unstable integrator"
+                f"the action must be finite, got {command.tolist()}; look for "
+                "divisions by zero or an unstable integrator in the policy"
             )
         return command
 
@@ -170,11 +170,8 @@ class Loads(NamedTuple):
     def wrenches(self) -> tuple[tuple[float, ...], ...]:
         """Force and torque on gripper, forearm and leaf, world frame [N, N m]."""
         still = (0.0, 0.0, 0.0)
-        return (
-            (*self.hand, *still),
-            (*self.forearm, *still),
-            (*still, 0.0, 0.0, self.hinge),
-        )
+        leaf = (*still, 0.0, 0.0, self.hinge)
+        return (*self.hand, *still), (*self.forearm, *still), leaf
 
 
 class ExtraInputs(NamedTuple):
@@ -186,9 +183,7 @@ class ExtraInputs(NamedTuple):
 
     def of(self, rows: Collection[int]) -> "ExtraInputs":
         """Return the inputs of some simulations."""
-        parts: Any = [
-            {row: inputs[row] for row in rows if row in inputs} for inputs in self
-        ]
+        parts: Any = [{row: x[row] for row in rows if row in x} for x in self]
         return ExtraInputs(*parts)
 
 

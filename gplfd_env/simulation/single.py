@@ -15,9 +15,8 @@ from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.command import Command, ExtraInputs, ServoGains, servo_gains
 
-BAD_STATE: Final = slice(
-    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
-)
+_BAD: Final = mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQACC
+BAD_STATE: Final = slice(int(_BAD[0]), int(_BAD[1]) + 1)
 """MuJoCo's warnings about a diverged state, which MuJoCo resets."""
 
 
@@ -85,9 +84,8 @@ class DoorSimulation:
         self._pose: Array = data.ctrl[:6]
         self._rate: Array = data.ctrl[self._robot.base_rate(model)]
         self._fingers: Array = data.ctrl[self._robot.fingers(model)]
-        self._loaded = [
-            data.xfrc_applied[row] for row in self._robot.loaded_bodies(model)
-        ]
+        bodies = self._robot.loaded_bodies(model)
+        self._loaded = [data.xfrc_applied[body] for body in bodies]
         self._divergences = data.warning.number[BAD_STATE]
         impedance = self._robot.command.control == "impedance"
         self._gains = ServoGains(model) if impedance else None

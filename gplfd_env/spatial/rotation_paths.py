@@ -84,9 +84,7 @@ def rotvecs_from_quaternions(
     order, an entry that is not finite, or a norm further than 0.05 from one.
     """
     if order not in ("wxyz", "xyzw"):
-        raise ValueError(
-            f"order must be 'wxyz' (w first) or 'xyzw' (w last), got {order!r}"
-        )
+        raise ValueError(f"order must be 'wxyz' (w first) or 'xyzw', got {order!r}")
     quaternions = checked_rows(quaternions, 4, "quaternions")
     norms = np.linalg.norm(quaternions, axis=1)
     far = np.flatnonzero(np.abs(norms - 1.0) > _QUATERNION_NORM_TOLERANCE)
@@ -106,9 +104,8 @@ def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
     length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
     # angle / length tends to 2 at the identity.
-    ratio = np.divide(
-        angle, length, out=np.full_like(length, 2.0), where=length > 1e-150
-    )
+    ratio = np.full_like(length, 2.0)
+    np.divide(angle, length, out=ratio, where=length > 1e-150)
     rotvec: Array = vec * (np.where(w < 0, -1.0, 1.0) * ratio)[..., None]
     return rotvec
 
@@ -120,8 +117,5 @@ def checked_rows(values: npt.ArrayLike, width: int, name: str) -> Array:
         raise ValueError(f"{name} must have shape (N, {width}), got {array.shape}")
     if not np.isfinite(array).all():
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        raise ValueError(
-            f"{name}[{bad[0]}] = {array[bad[0]]} is not finite; remove or repair the "
-            "sample first"
-        )
+        raise ValueError(f"{name}[{bad[0]}] = {array[bad[0]]} is not finite; repair it")
     return array

@@ -104,9 +104,8 @@ def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
 
 def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     """Return log(exp(a) exp(b)) [rad], (..., 3): first rotate by `b`, then by `a`."""
-    return rotvec_from_quaternion(
-        *_quaternion_product(*_quaternion(a), *_quaternion(b))
-    )
+    product = _quaternion_product(*_quaternion(a), *_quaternion(b))
+    return rotvec_from_quaternion(*product)
 
 
 def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
@@ -164,10 +163,7 @@ def _cross(a: Array, b: Array) -> Array:
 def _check_weight(rotation_weight: float) -> None:
     """Raise unless the weight is one that Eq. (17) allows."""
     if not 0.0 <= rotation_weight <= 1.0:
-        raise ValueError(
-            f"rotation_weight must lie in [0, 1], got {rotation_weight}: it is ω₁ of "
-            "Eq. (17) and ω₂ = 1 - ω₁"
-        )
+        raise ValueError(f"rotation_weight must lie in [0, 1], got {rotation_weight}")
 
 
 def handle_pose_on_arc(radius: ArrayLike, angle: ArrayLike) -> Array:

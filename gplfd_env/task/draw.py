@@ -19,9 +19,8 @@ class NoiseSource:
     """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks."""
 
     def __init__(self, noise: SensorNoise, seed: int) -> None:
-        self._std = np.repeat(
-            [noise.position, noise.rotation, noise.force, noise.torque], 3
-        )
+        stds = noise.position, noise.rotation, noise.force, noise.torque
+        self._std = np.repeat(stds, 3)
         self._rng = np.random.default_rng(seed)
         self._next = _BLOCK
         self._rows = np.empty((0, 12))
@@ -76,9 +75,8 @@ def draw_episode(
         noise = None if variation.noise.silent else NoiseSource(variation.noise, seed)
     if not disturbance.idle:
         generator = np.random.default_rng(int(rng.integers(2**63)))
-        variation = dataclasses.replace(
-            variation, disturbance=disturbance.drawn(generator)
-        )
+        drawn = disturbance.drawn(generator)
+        variation = dataclasses.replace(variation, disturbance=drawn)
     if start == "approach":
         standoff = Standoff()
         if not randomization.idle:

@@ -160,24 +160,20 @@ class Episode:
     ) -> "Episode":
         """Return an episode of one simulation at rest, from its sensor values."""
         variation, noise, delay = drawn
-        door, disturbance = variation.door, variation.disturbance
+        door, placement, _ = variation.scene
         hold, command, config = robot
-        reader = Reader.of(
-            hold, command.control, config, door.handle, door.swing, level=door.level
-        )
-        rest = command.resting(variation, config)
-        holds = variation.standoff is None
+        kind = hold, command.control, config, door.handle, door.swing
+        reader = Reader.of(*kind, level=door.level)
+        rest, holds = command.resting(variation, config), variation.standoff is None
         drive = gripper = None
         if reader.odometry is not None:
-            x, y, _ = hand_position_w(door, variation.placement, config).tolist()
+            x, y, _ = hand_position_w(door, placement, config).tolist()
             drive = BaseDrive((x, y), door, config)
         if reader.finger is not None:
-            gripper = Gripper(
-                door,
-                0.0 if holds else GRIPPER_WIDTH,
-                uncertain=any(variation.placement.belief),
-            )
-        intervention = None if disturbance.idle else Intervention(variation, config)
+            width, uncertain = GRIPPER_WIDTH * (not holds), any(placement.belief)
+            gripper = Gripper(door, width, uncertain=uncertain)
+        idle = variation.disturbance.idle
+        intervention = None if idle else Intervention(variation, config)
         constants = Constants(
             hand=reader.hand,
             path=LeafPath.of(door),
@@ -188,21 +184,18 @@ class Episode:
             bolt_throw=door.lockset.bolt_throw,
             turned=turned_angle(door),
             # A door may also reach the end of its hinge; this is not a disturbance.
-            stopped=disturbance.stop is not None,
+            stopped=variation.disturbance.stop is not None,
         )
-        parts = EpisodeParts(
-            variation, rest, noise, delay, intervention, drive, gripper
-        )
-        episode = cls(command, reader, reward, [parts], constants)
+        parts = variation, rest, noise, delay, intervention, drive, gripper
+        episode = cls(command, reader, reward, [EpisodeParts(*parts)], constants)
         readings = episode.readings = episode._read(values, 0, None)
+        reading, latched = readings.door, readings.latched
         episode.progress = Progress(
             steps=0,
             opening=OpeningMonitor(taken=holds),
-            stage=stage_after(
-                0, readings.door, constants.turned, readings.latched, held=False
-            ),
+            stage=stage_after(0, reading, constants.turned, latched, held=False),
             diagnosis=Diagnosis(),
-            grasp_point=readings.door.hand_on_handle,
+            grasp_point=reading.hand_on_handle,
             terms=episode._terms(0.0, 0.0, False),
             simulation_error=False,
         )
@@ -211,13 +204,11 @@ class Episode:
     def _index(self) -> None:
         """Collect the simulations that have noise, a delay, a drive and so on."""
         rows = list(enumerate(self._parts))
-        self._noises = {row: parts.noise for row, parts in rows if parts.noise}
-        self._delays = {row: parts.delay for row, parts in rows if parts.delay}
-        self._drives = {row: parts.drive for row, parts in rows if parts.drive}
-        self._grippers = {row: parts.gripper for row, parts in rows if parts.gripper}
-        self._interventions = {
-            row: parts.intervention for row, parts in rows if parts.intervention
-        }
+        self._noises = {row: x.noise for row, x in rows if x.noise}
+        self._delays = {row: x.delay for row, x in rows if x.delay}
+        self._drives = {row: x.drive for row, x in rows if x.drive}
+        self._grippers = {row: x.gripper for row, x in rows if x.gripper}
+        self._interventions = {row: x.intervention for row, x in rows if x.intervention}
         rare = self._delays, self._drives, self._grippers, self._interventions
         self._commands_alone = not any(rare)
         self._read_effects()
@@ -288,14 +279,8 @@ class Episode:
             # A first grasp may fail if the handle's position is uncertain.
             tried = self._each(self._grippers, "uncertain", False)
             opened = opened | (tried & (door.angle < TRIED_ANGLE))
-        took = opening.update(
-            door.angle,
-            door.grasped,
-            door.handle_angle,
-            latched=latched,
-            blocked=blocked,
-            opened=opened,
-        )
+        flags = {"latched": latched, "blocked": blocked, "opened": opened}
+        took = opening.update(door.angle, door.grasped, door.handle_angle, **flags)
         if anywhere(took):
             pairs = zip(door.hand_on_handle, progress.grasp_point, strict=True)
             x, y, z = (where(took, new, old) for new, old in pairs)
@@ -304,12 +289,9 @@ class Episode:
             progress.stage, door, self.constants.turned, latched, held=opening.success
         )
         failure = opening.failure
-        progress.diagnosis.update(
-            door,
-            values[self.reader.joint_pos],
-            self.reader.arm_limits,
-            stalled=(failure == STALLED) | (failure == NOT_GRASPED),
-        )
+        stalled = (failure == STALLED) | (failure == NOT_GRASPED)
+        joints, limits = values[self.reader.joint_pos], self.reader.arm_limits
+        progress.diagnosis.update(door, joints, limits, stalled)
         gain = door.angle - angle_before
         progress.terms = self._terms(gain, door.forces.radial, opening.success)
 
@@ -318,10 +300,8 @@ class Episode:
         progress, idle = self.progress, self._terms(0.0, 0.0, False)
         progress.steps = progress.steps + 1 * diverged
         progress.simulation_error = progress.simulation_error | diverged
-        progress.terms = {
-            name: where(diverged, idle[name], term)
-            for name, term in progress.terms.items()
-        }
+        terms = progress.terms.items()
+        progress.terms = {name: where(diverged, idle[name], x) for name, x in terms}
 
     def observation(self, sensordata: Array) -> Observation:
         """Return the observation, with noise and the error of a moved base."""
@@ -391,12 +371,8 @@ class Episode:
         """Return the values of an info; texts as their number, vectors as tuples."""
         readings, constants, progress = self.readings, self.constants, self.progress
         door, opening, effects = readings.door, progress.opening, self.effects
-        dx, dy, dz = (
-            now - grasped
-            for now, grasped in zip(
-                door.hand_on_handle, progress.grasp_point, strict=True
-            )
-        )
+        pairs = zip(door.hand_on_handle, progress.grasp_point, strict=True)
+        dx, dy, dz = (now - grasped for now, grasped in pairs)
         slip = where(opening.taken, sqrt(dx * dx + dy * dy + dz * dz), 0.0)
         stop_torque = where(constants.stopped, door.stop_torque, 0.0)
         x, y, z = door.handle_position
@@ -465,13 +441,9 @@ class Episodes(Episode):
 
     def __init__(self, begun: Sequence[Episode]) -> None:
         first, self.n = begun[0], len(begun)
-        super().__init__(
-            first.command,
-            first.reader,
-            first._reward,
-            [episode._parts[0] for episode in begun],
-            stacked([episode.constants for episode in begun]),
-        )
+        parts = [episode._parts[0] for episode in begun]
+        constants = stacked([episode.constants for episode in begun])
+        super().__init__(first.command, first.reader, first._reward, parts, constants)
         self.readings = stacked([episode.readings for episode in begun])
         self.progress = stacked([episode.progress for episode in begun])
 
@@ -500,11 +472,9 @@ class Episodes(Episode):
         super().advance(values, stepped)
         if stepped is not None:
             before[1].terms = self._terms(0.0, 0.0, False)
-            self.readings, self.progress = mapped(
-                lambda now, then: where(stepped, now, then),
-                (self.readings, self.progress),
-                before,
-            )
+            now = self.readings, self.progress
+            kept = mapped(lambda new, old: where(stepped, new, old), now, before)
+            self.readings, self.progress = kept
 
     def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
         """Return rewards, terminations, and truncations after `limit` steps, (n,)."""

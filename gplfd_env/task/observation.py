@@ -69,8 +69,7 @@ def observation_space(
         entries["base_pose"] = box((100.0, 2), (1e3, 1))
         entries["base_velocity"] = box((1e4, 3))
     if command.grips:
-        width = spaces.Box(*_WIDTHS, (1,), np.float64)
-        entries["gripper_width"] = width
+        entries["gripper_width"] = spaces.Box(*_WIDTHS, (1,), np.float64)
         entries["grasped"] = spaces.Box(0.0, 1.0, (1,), np.float64)
     space: spaces.Space[Any] = spaces.Dict(entries)
     return space
@@ -125,12 +124,9 @@ class Reader:
         axes = sensor.xmat.reshape(3, 3)
         com = axes.T @ (data.subtree_com[root] - sensor.xpos)
         offset = axes.T @ (data.site("hand").xpos - sensor.xpos)
+        weight = float(model.body_subtreemass[root] * -model.opt.gravity[2])
         return cls(
-            hand=Hand(
-                weight=float(model.body_subtreemass[root] * -model.opt.gravity[2]),
-                com=tuple(com.tolist()),
-                offset=tuple(offset.tolist()),
-            ),
+            hand=Hand(weight, tuple(com.tolist()), tuple(offset.tolist())),
             ee_pose=_span(model, "hand_x", 6),
             ee_twist=_span(model, "hand_linvel", 6),
             joint_pos=_span(model, f"{robot.arm[0]}_pos", joints),

@@ -69,9 +69,8 @@ def check_quantities(record: Any) -> None:
         if allowed.pairs and isinstance(value, list | tuple):
             checked = tuple(checked_number(name, end, allowed) for end in value)
             if len(checked) != 2 or checked[0] > checked[1]:
-                raise ValueError(
-                    f"{name} = {value!r} must be a number or (low, high), low first"
-                )
+                kind = "a number or (low, high), low first"
+                raise ValueError(f"{name} = {value!r} must be {kind}")
         elif field.type in (int, "int"):
             checked = checked_count(name, value, allowed)
         else:
@@ -90,9 +89,8 @@ class Quantities:
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
     """Return a record with a number drawn from, or for, every declared field."""
-    declared = [
-        field.name for field in dataclasses.fields(record) if _RANGE in field.metadata
-    ]
+    fields = [field for field in dataclasses.fields(record) if _RANGE in field.metadata]
+    declared = [field.name for field in fields]
     shares = zip(declared, rng.random(len(declared)).tolist(), strict=True)
     drawn = {}
     for name, share in shares:
@@ -106,9 +104,8 @@ def checked_number(name: str, value: Any, allowed: Range) -> float:
     """Return a value as a float; raise a TypeError, or a ValueError out of range."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         kind = "a number or (low, high)" if allowed.pairs else "a number"
-        raise TypeError(
-            f"{name} must be {kind}, got {value!r} ({type(value).__name__})"
-        )
+        given = f"{value!r} ({type(value).__name__})"
+        raise TypeError(f"{name} must be {kind}, got {given}")
     try:
         number = float(value)
     except OverflowError:
@@ -124,9 +121,8 @@ def checked_count(name: str, value: Any, allowed: Range) -> int:
     if not whole or int(value) not in allowed:
         of = f" of {allowed.unit}" if allowed.unit else ""
         to = f" to {allowed.high:g}" if math.isfinite(allowed.high) else ""
-        raise ValueError(
-            f"{name} = {value!r} must be a whole number{of} from {allowed.low:g}{to}"
-        )
+        kind = f"a whole number{of} from {allowed.low:g}{to}"
+        raise ValueError(f"{name} = {value!r} must be {kind}")
     return int(value)
 
 
@@ -144,6 +140,5 @@ def real_array(value: object) -> NDArray[np.float64]:
 def check_choice(name: str, value: object, allowed: Collection[object]) -> None:
     """Raise a ValueError that lists the allowed values if a value is not among them."""
     if value not in tuple(allowed):
-        raise ValueError(
-            f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"
-        )
+        names = ", ".join(map(repr, allowed))
+        raise ValueError(f"{name} = {value!r} is not one of {names}")

@@ -51,10 +51,7 @@ class _Relative:
         """Check action space and limits; actions are (n, 6) or (6,) numbers."""
         metres, radians = limits
         if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
-            raise ValueError(
-                "limits must be a distance [m] and an angle [rad] above zero, got "
-                f"{limits}"
-            )
+            raise ValueError(f"limits must be above zero [m], [rad], got {limits}")
         if space.shape != (6,):
             raise ValueError(
                 "RelativeAction needs an environment whose action is a pose (6,), such "
@@ -83,9 +80,8 @@ class _Relative:
                 "set-point is relative to the hand in units of the limits; got "
                 f"{reprlib.repr(action)}"
             )
-        observation, *outcome = self.env.step(
-            command_of(numbers, self._hand, self._limits)
-        )
+        command = command_of(numbers, self._hand, self._limits)
+        observation, *outcome = self.env.step(command)
         self._hand = observation["ee_pose"].copy()
         return (observation, *outcome)
 
@@ -166,9 +162,8 @@ class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, 
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
-        space = self.single_observation_space = _flat_space(
-            env.single_observation_space
-        )
+        space = _flat_space(env.single_observation_space)
+        self.single_observation_space = space
         self.observation_space = batch_space(space, env.num_envs)
 
 
@@ -178,12 +173,7 @@ def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
     if not boxes or any(
         not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
     ):
-        raise ValueError(
-            f"the observation must be a dictionary of vectors to be concatenated, got "
-            f"{space}"
-        )
-    low, high = (
-        np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)
-        for end in ("low", "high")
-    )
+        raise ValueError(f"observations must be dictionaries of vectors, got {space}")
+    ends = [[getattr(box, end) for box in boxes] for end in ("low", "high")]
+    low, high = (np.concatenate(end).astype(np.float32) for end in ends)
     return spaces.Box(low, high, dtype=np.float32)

@@ -110,12 +110,9 @@ class Score:
     @property
     def info(self) -> Info:
         """Entries added to the info; arrays are new."""
-        return {
-            "reward_terms": dict(self.terms),
-            "peak_force": self.peak_force + 0.0,
-            "peak_slip": self.peak_slip + 0.0,
-            "return": self.earned + 0.0,
-        }
+        so_far = {"peak_force": self.peak_force, "peak_slip": self.peak_slip}
+        sums = {name: x + 0.0 for name, x in (so_far | {"return": self.earned}).items()}
+        return {"reward_terms": dict(self.terms)} | sums
 
     def advance(self, info: Mapping[str, Any]) -> None:
         """Update from the info of the next step."""
@@ -153,10 +150,8 @@ def _harm(info: Mapping[str, Any]) -> Any:
 
 def _floats(values: Info) -> Info:
     """Return the numbers of one episode as Python floats."""
-    return {
-        name: _floats(value) if isinstance(value, dict) else float(value)
-        for name, value in values.items()
-    }
+    items = values.items()
+    return {x: _floats(y) if isinstance(y, dict) else float(y) for x, y in items}
 
 
 def _ended_as(infos: Info, ended: Mask) -> Info:

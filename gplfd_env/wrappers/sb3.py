@@ -64,21 +64,19 @@ class SB3VecEnv(VecEnv):
             )
         self.env = envs
         self._actions: Any = None
-        super().__init__(
-            envs.num_envs, envs.single_observation_space, envs.single_action_space
-        )
+        spaces = envs.single_observation_space, envs.single_action_space
+        super().__init__(envs.num_envs, *spaces)
 
     def reset(self) -> Any:
         """Begin episodes; values of `seed` and `set_options` are used once."""
         if any(options != self._options[0] for options in self._options):
             raise ValueError(
-                "options must be one for all simulations, with a list of "
-                f"{self.num_envs} doors where they differ; got {self._options}"
+                f"give one set of options, with a list of {self.num_envs} doors where "
+                f"they differ; got {self._options}"
             )
         seeds: Any = None if None in self._seeds else list(self._seeds)
-        observations, infos = self.env.reset(
-            seed=seeds, options=self._options[0] or None
-        )
+        options = self._options[0] or None
+        observations, infos = self.env.reset(seed=seeds, options=options)
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = _each(infos, self.num_envs)
@@ -90,9 +88,8 @@ class SB3VecEnv(VecEnv):
 
     def step_wait(self) -> Any:
         """Step; return observations, rewards, dones (n,) and n infos."""
-        observations, rewards, terminations, truncations, infos = self.env.step(
-            self._actions
-        )
+        step = self.env.step(self._actions)
+        observations, rewards, terminations, truncations, infos = step
         split = _each(infos, self.num_envs)
         dones = terminations | truncations
         last = _each(infos["final_info"], self.num_envs) if dones.any() else []

@@ -223,7 +223,7 @@ ONE = [1.0, 0, 0, 0]
         (np.ones((4, 3)), "wxyz", r"\(N, 4\), got \(4, 3\)"),
         ([ONE, [np.nan, 0, 0, 1]], "wxyz", r"quaternions\[1\].*not finite"),
         ([ONE, [0.5, 0, 0, 0]], "wxyz", r"quaternions\[1\].*order='wxyz'"),
-        ([ONE], "wzyx", r"'wxyz' .* or 'xyzw' .* got 'wzyx'"),
+        ([ONE], "wzyx", r"'wxyz' .* or 'xyzw', got 'wzyx'"),
         ([[0.0, 0, 0], [0, np.inf, 0]], "vectors", r"rotvecs\[1\] .* is not finite"),
     ],
 )
