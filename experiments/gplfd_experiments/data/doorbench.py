@@ -130,8 +130,8 @@ def _fields(spec: _Specification) -> _Fields:
     fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
     held = spec.at("physics/latch/holding_force_N")
     spec.lose(held, f"the {held:g} N with which its latch holds it")
-    engaged = spec.at("lock/engaged", bool)
-    spec.lose(engaged, "its lock is engaged; the door is left unlocked")
+    locked = spec.at("lock/engaged", bool)
+    spec.lose(locked, "its lock is engaged; the door is left unlocked")
     return fields
 
 
@@ -171,10 +171,9 @@ def _rolling(spec: _Specification, way: float) -> _Fields:
     closer = spec.at("closer/model", str)
     spec.lose(closer != "none", f"its closer {closer!r}")
     gain = sliding_gain(way)
-    friction = spec.at("physics/roller/coulomb_force_N")
-    damping = spec.at("physics/roller/viscous_damping_N_s_per_m")
-    resistance = {"hinge_friction": gain * friction, "hinge_damping": gain**2 * damping}
-    return resistance | {"swing": "pull"}
+    damping = gain**2 * spec.at("physics/roller/viscous_damping_N_s_per_m")
+    friction = gain * spec.at("physics/roller/coulomb_force_N")
+    return {"swing": "pull", "hinge_friction": friction, "hinge_damping": damping}
 
 
 def _sliding(spec: _Specification) -> _Fields:
@@ -230,10 +229,9 @@ def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
         raise ValueError("the pull side has no handle")
     handle = _KINDS.get(model.partition("_")[0])
     if handle is None or model == "push_button_screen":
-        known = ", ".join(_KINDS)
         raise ValueError(
             f"its handle is {model!r}, which a gripper with two fingers cannot operate "
-            f"or hold; it can hold those that begin with {known}"
+            f"or hold; it can hold those that begin with {', '.join(_KINDS)}"
         )
     # Without a backset, the handle is where the robot can hold it.
     nearest = min(width - _REACHED, _range_of("leaf.backset").high)

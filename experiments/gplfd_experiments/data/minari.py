@@ -38,6 +38,8 @@ PHYSICS_STATE: Final = "physics_state"
 _KIND: Final = "gplfd"
 """Name of this package's own entries of a data set."""
 _METADATA: Final = "data/metadata.json"
+_STEPPED: Final = ("actions", "rewards", "terminations", "truncations")
+_ARRAYS: Final = ("observations", "infos", *_STEPPED)  # Of an episode.
 _REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 """Distributions whose versions can change what an environment computes."""
 _ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
@@ -72,17 +74,17 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Reset the environment with a seed and begin a new recording."""
         options = dict(options or {})
         observation, info = self.env.reset(seed=seed, options=options or None)
-        self._reset = {"seed": seed, "options": _storable(options)}
+        self._reset = {"seed": seed, "options": _plain(options)}
         self._seen, self._steps = [], []
         self._keep(observation, info)
         return observation, info
 
     def step(self, action: NDArray[Any]) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and store a row."""
-        row: dict[str, Any] = {"actions": np.array(action, dtype=np.float64)}
+        taken = np.array(action, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        row |= {"rewards": float(reward), "terminations": terminated}
-        self._steps.append(row | {"truncations": truncated})
+        results = (taken, float(reward), terminated, truncated)
+        self._steps.append(dict(zip(_STEPPED, results, strict=True)))
         self._keep(observation, info)
         return observation, reward, terminated, truncated, info
 
@@ -108,17 +110,10 @@ def _stacked(rows: list[Any]) -> Any:
     return array.tolist() if array.dtype.kind == "U" else array
 
 
-def _storable(value: Any) -> Any:
-    """Return options without None, which HDF5 does not store."""
-    if not isinstance(value, Mapping):
-        return value
-    return {name: _storable(part) for name, part in value.items() if part is not None}
-
-
 def _plain(value: Any) -> Any:
-    """Return attributes of HDF5 as numbers, texts and nested mappings."""
+    """Return nested options as HDF5 stores them, without None and NumPy's types."""
     if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
+        return {name: _plain(part) for name, part in value.items() if part is not None}
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -244,17 +239,9 @@ class Dataset:
         """
         try:
             (metadata,) = self.stored.storage.get_episode_metadata([number])
-            data = self.stored[number]
-            return EpisodeBuffer(
-                seed=metadata["seed"],
-                options=_plain(metadata.get("options", {})),
-                observations=data.observations,
-                actions=data.actions,
-                rewards=data.rewards,
-                terminations=data.terminations,
-                truncations=data.truncations,
-                infos=data.infos,
-            )
+            arrays = {name: getattr(self.stored[number], name) for name in _ARRAYS}
+            options = _plain(metadata.get("options", {}))
+            return EpisodeBuffer(seed=metadata["seed"], options=options, **arrays)
         # h5py and Minari raise errors of every kind for damaged files.
         except Exception as error:
             raise ValueError(
@@ -287,7 +274,7 @@ def open_dataset(path: str | Path) -> Dataset:
         if not (environment.startswith("gplfd/") and environment in gym.registry):
             raise ValueError(f"{environment} is no environment of gplfd")
         limit = {"max_episode_steps": entry(spec, "max_episode_steps", int | None)}
-        arguments = entry(spec, "kwargs", dict[str, Any]) | _storable(limit)
+        arguments = entry(spec, "kwargs", dict[str, Any]) | _plain(limit)
         try:
             stored = minari.MinariDataset(folder / "data")
         except Exception as error:

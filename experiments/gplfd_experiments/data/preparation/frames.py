@@ -130,9 +130,8 @@ def radius_of_door(poses: FloatArray) -> float | None:
 def on_circle(samples: Samples) -> Samples:
     """Return the part of a motion that is on the circle of a hinge, without reach.
 
-    It is the longest part, of at least half the path, that fits many times better than
-    the whole: by its distance from a circle and the rotation of the hand with the
-    angle, or by the distance alone. Without such a part, it is the whole.
+    It is the longest part that fits many times better than the whole: by its distance
+    from a circle and the rotation of the hand with the angle, or by the distance alone.
     """
     positions, rotations = samples.positions, samples.rotations
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
@@ -160,10 +159,9 @@ def on_circle(samples: Samples) -> Samples:
 
 
 def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
-    """Return a warning if orientations do not fit a hinge as read, see `RawRecording`.
+    """Return a warning if orientations on a circle do not turn with the hinge.
 
-    This is only known for a motion on a circle, where the hand rotates with the angle:
-    quaternions would fit better in the other order, and others do not at all.
+    Quaternions would fit better in the other order; others are named as read.
     """
     hinge = door_hinge(poses[:, :3])
     if hinge is None:
@@ -251,20 +249,17 @@ def in_frame(
     text = f"at {hinge.radius:.3f} m, opened to {opened:.0f}°"
     notes.add(f"hinge {text}, {1e3 * hinge.residual:.1f} mm off the circle (rms)")
     about_axis = math.degrees(np.unwrap(turned.as_rotvec()[:, 1])[widest])
-    doubts = {
-        f"doors have a radius of {_DOORS[0]:g} to {_DOORS[1]:g} m": not (
-            _DOORS[0] <= hinge.radius <= _DOORS[1]
-        ),
-        "the motion is not round": hinge.residual > _UNROUND * hinge.radius,
-        f"the hand turned by {about_axis:.0f}° about the hinge": (
-            abs(about_axis - opened) > max(_UNTURNED, 0.1 * opened)
-        ),
-    }
-    if any(doubts.values()):
+    doubts = []
+    if not _DOORS[0] <= hinge.radius <= _DOORS[1]:
+        doubts.append(f"doors have a radius of {_DOORS[0]:g} to {_DOORS[1]:g} m")
+    if hinge.residual > _UNROUND * hinge.radius:
+        doubts.append("the motion is not round")
+    if abs(about_axis - opened) > max(_UNTURNED, 0.1 * opened):
+        doubts.append(f"the hand turned by {about_axis:.0f}° about the hinge")
+    if doubts:
         notes.warn(
-            f"is this hinge {text}, right? "
-            f"{', and '.join(doubt for doubt, is_so in doubts.items() if is_so)}; if "
-            "it is not, cut the opening out (--segment)"
+            f"is this hinge {text}, right? {', and '.join(doubts)}; if it is not, cut "
+            "the opening out (--segment)"
         )
     moved = axes.inv().apply(positions - positions[0])
     return _posed(samples, moved, turned, axes), hinge.radius
@@ -308,8 +303,7 @@ def wrenches_of_the_hand(
 
         f = -(A (f_s - b_f) - W),    m = -(A (m_s - b_m) - R c × W) + p × f.
 
-    Wrenches that cannot be converted are left out, and a note says why. The settings
-    are those of files that do not state how forces were recorded.
+    Wrenches that cannot be converted are left out, and a note says why.
     """
     ignored = [
         f"--{field.name.replace('_', '-')}"

@@ -67,10 +67,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     motions = _motions(numbers)
     if not motions:
         raise ValueError(
-            f"it has no array of positions: it has {_shapes(numbers)}. Name one "
-            "'positions' (N, 3), with 'times' (N,) and 'quaternions_wxyz' (N, 4); or "
-            "say what the columns of one array, or two side by side, are: --body A,B "
-            "--columns t,x,y,z,... with - for one to leave out"
+            f"it has no array of positions: it has {_shapes(numbers)}. Call one "
+            "positions, or say what the columns of one array, or of two side by side, "
+            "are: --body A,B --columns t,x,y,z,... with - for one to leave out"
         )
     sets = _sets(motions)
     _, keys = chosen(settings.body, sets, "set of recordings", file=path.name)

@@ -45,10 +45,8 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     for number, text in lines[first:]:
         cells = _cells(text, delimiter)
         if len(cells) < len(heads) or any(cells[len(heads) :]):
-            raise ValueError(
-                f"line {number} has {len(cells)} columns, and {len(heads)} are named: "
-                f"{listed(heads)}"
-            )
+            named = f"{len(heads)} are named: {listed(heads)}"
+            raise ValueError(f"line {number} has {len(cells)} columns, and {named}")
         for name, (place, _) in places.items():
             try:
                 values.append(_number(cells[place], delimiter))
@@ -133,8 +131,7 @@ def _heads(
             if index == 0:
                 raise ValueError(
                     f"its {len(cells)} columns have no names; give them in their "
-                    "order, for example --columns t,x,y,z,qx,qy,qz,qw --units cm, with "
-                    "- for one to leave out"
+                    "order, --columns t,x,y,z,..., with - for one to leave out"
                 )
             break
         elif {"x", "y"} <= set(names) or (wanted and wanted <= set(cells)):
