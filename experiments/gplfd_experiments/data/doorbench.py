@@ -1,8 +1,7 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
 Reads hinged, sliding and folding doors of schema 1.0 with a handle that a gripper can
-operate from the robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb
-latches.
+operate from the robot's side.
 """
 
 import math

@@ -49,7 +49,7 @@ def import_recordings(
         The motions in the set, and the report.
 
     Raises:
-        ValueError: A setting is wrong, or a file cannot be understood or used.
+        ValueError: A file cannot be understood or used.
         OSError: A file cannot be read, or the set not be written.
     """
     # Wildcards that the shell left alone.
@@ -126,11 +126,7 @@ def report(
 
 
 def draw(motions: Sequence[Motion], path: Path) -> None:
-    """Write a picture: recorded motions on the left, prepared ones on the right.
-
-    Below positions are recorded quaternions and the resulting rotation vectors, and
-    forces, if any, of the hand on what it holds, in the axes of the poses.
-    """
+    """Write a picture: recorded motions on the left, prepared ones on the right."""
     from matplotlib.figure import Figure
 
     forces = any(motion.demonstration.wrenches is not None for motion in motions)

@@ -1,8 +1,4 @@
-"""Episodes as Minari data sets, with MuJoCo's physics state at every step.
-
-A data set is written and read by Minari's storage. It also has the versions and the
-kind of processor that computed it.
-"""
+"""Episodes as Minari data sets, with MuJoCo's physics state at every step."""
 
 import copy
 import dataclasses

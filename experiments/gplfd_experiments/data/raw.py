@@ -78,11 +78,7 @@ class RawRecording:
 def chosen(
     wanted: str | None, known: Mapping[str, Any], what: str, *, file: str
 ) -> tuple[str, Any]:
-    """Return the selected item of a file, or the only one.
-
-    Raises:
-        ValueError: There is none, none of that name, or several without a selection.
-    """
+    """Return the selected item of a file, or the only one; raise ValueError without."""
     if not known:
         raise ValueError(f"{file} has no {what}")
     names = ", ".join(sorted(known)[:_LISTED]) + (", …" if len(known) > _LISTED else "")
@@ -98,10 +94,7 @@ def chosen(
 
 
 def restarts(times: FloatArray) -> list[int]:
-    """Return the indices of time stamps, (N,), at which the clock begins again.
-
-    The stamps before such an index are all later than those from it on, `ROW` of each.
-    """
+    """Return the indices at which a clock, (N,), restarts, with `ROW` later before."""
     places = np.flatnonzero(np.isfinite(times))
     if len(places) < 2:
         return []

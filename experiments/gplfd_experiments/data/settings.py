@@ -1,8 +1,4 @@
-"""Settings with which motion files are read and prepared, and units.
-
-They are the options of ``gplfd demos import``; there are no slow imports, for
-``--help``.
-"""
+"""Settings with which motion files are read and prepared, and units."""
 
 import math
 import re
@@ -74,10 +70,7 @@ def of_text(metavar: str, read: Callable[[str], Any]) -> Any:
 
 
 def numbers(names: str) -> Callable[[str], Any]:
-    """Return a function that reads numbers, one for each name, from a text.
-
-    It returns other texts as they are, for an error where the value is used.
-    """
+    """Return a function that reads numbers of these names, and leaves other texts."""
 
     def read(text: str) -> Any:
         try:
@@ -116,9 +109,6 @@ class ImportSettings(Quantities):
     """What is read from motion files, what they do not state, and how it is prepared.
 
     The defaults suit a hand recorded at 50 Hz or more.
-
-    Raises:
-        ValueError: A value is outside its range, or is not a pose.
     """
 
     body: _Name = None

@@ -1,7 +1,4 @@
-"""Converts motions from files to demonstrations for learning.
-
-Every step of the preparation writes notes about its changes and findings.
-"""
+"""Converts motions from files to demonstrations, with notes on every change."""
 
 import warnings
 from collections.abc import Mapping, Sequence

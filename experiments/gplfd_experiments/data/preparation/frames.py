@@ -197,10 +197,7 @@ def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
 
 
 def offset_by(samples: Samples, offset: Pose | None) -> Samples:
-    """Return the motion of an object with a pose in the frame of the hand recorded.
-
-    Moments are then about the position of the object.
-    """
+    """Return the motion of an object with a pose in the hand, and moments about it."""
     if offset is None:
         return samples
     rotations = samples.rotations

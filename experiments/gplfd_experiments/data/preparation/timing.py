@@ -31,12 +31,7 @@ _OVERSAMPLED: Final = 2.5  # Smallest number of samples per period of the cut-of
 
 
 def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
-    """Divide a motion into repetitions, see `ImportSettings.segment`.
-
-    Raises:
-        ValueError: There is no motion between the given times, or turns are wanted in a
-            motion without movement.
-    """
+    """Divide a motion into repetitions, see `ImportSettings.segment`."""
     if how == "none":
         return [samples]
     if isinstance(how, str):
@@ -87,11 +82,9 @@ def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 
 def _between_turns(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return spans between turns [s], (M, 2), and which are whole and not back.
-
-    A turn is an extreme of the position along its first principal direction.
-    """
+    """Return spans between turns [s], (M, 2), and which are whole and not back."""
     clock, smooth = _smoothed(samples)
+    # A turn is an extreme of the position along its first principal direction.
     offsets = smooth[:, :3] - smooth[:, :3].mean(axis=0)
     way = offsets @ np.linalg.svd(offsets, full_matrices=False)[2][0]
     low, high = np.percentile(way, [5.0, 95.0])
@@ -184,10 +177,7 @@ def filtered(samples: Samples, cutoff: float, notes: Notes) -> Samples:
 
 
 def at_rate(samples: Samples, rate: float, most: int) -> Samples:
-    """Return the motion from time 0 at equal steps, with a limited number of samples.
-
-    At a rate of 0 [Hz], it is unchanged.
-    """
+    """Return the motion from time 0 at equal steps, at a rate of 0 [Hz] as it is."""
     if rate == 0.0:
         return samples
     start, end = samples.times[[0, -1]]

@@ -2,8 +2,6 @@
 
 Supported are columns (N,), the arrays of `tables` (N, d), and with ``--columns`` one
 array (N, C), or (K, N, C) for K motions; also transposed if the shape is unambiguous.
-The arrays of .mat files are in cells and structures, ``demos{2}.pos``; those of one
-name are motions of one set.
 """
 
 import contextlib
@@ -36,10 +34,7 @@ _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motions in a file of arrays, or its set of demonstrations.
-
-    Texts, objects and sparse matrices are left out.
-    """
+    """Read the motions in a file of arrays, or its set of demonstrations."""
     arrays: dict[str, Any] = {}
     with path.open("rb") as stream:
         if path.suffix.lower() == ".mat":

@@ -2,8 +2,7 @@
 
 The hand is a topic of poses, transforms (``/tf:child_frame``) or, with a URDF and a
 link, joint states. A topic of WrenchStamped, the only one or ``--wrench``, gives the
-forces, on the clock of the hand. Several frames or publishers in one topic are several
-sources, of which one is selected (``/hand:frame``, ``/tf:child:parent``).
+forces. One of several frames or publishers in a topic is selected by ``/hand:frame``.
 """
 
 from collections import defaultdict

@@ -1,8 +1,7 @@
 """LeRobot data sets, version 3: one motion per episode, from parquet files.
 
-The hand is a feature of the data set, by default ``observation.state``. The names of
-its numbers are in the data set, or given by ``--columns``. Forces and moments are the
-six numbers of ``observation.force`` or of another feature.
+The hand is a feature of the data set, by default ``observation.state``; forces and
+moments are the six numbers of ``observation.force`` or of another feature.
 """
 
 import re

@@ -167,9 +167,7 @@ def named_columns(
 ) -> dict[str, tuple[int, str | None]]:
     """Return index and unit of every known column, of one body if several have them.
 
-    Raises:
-        ValueError: x or y is missing, an orientation is incomplete, or a column is
-            repeated; ``where`` describes the headings.
+    Raises ValueError if one is missing or repeated; ``where`` describes the headings.
     """
     if any(re.search(r"[a-z_]3_?3$", head.lower()) for head in heads):
         # Rows and columns of a matrix that are counted from 1.

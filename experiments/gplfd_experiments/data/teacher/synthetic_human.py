@@ -83,13 +83,7 @@ def standard_teacher() -> dict[str, float]:
 
 
 class Teacher:
-    """Demonstrates doors; stores only its configuration.
-
-    Args:
-        config: Motion of the human and measurement by the suit.
-        habits: Irregularities; none by default.
-        forces: Variation and measurement of the forces; None records none.
-    """
+    """Demonstrates doors; without a `ForceConfig`, it records no forces."""
 
     def __init__(
         self,
@@ -168,9 +162,6 @@ class Teacher:
         """Open each door several times, in the given order of doors.
 
         More doors at the end or more demonstrations per door do not change the others.
-
-        Raises:
-            ValueError: No door or an impossible one, or ``per_door`` is less than 1.
         """
         if len(doors) == 0 or per_door < 1:
             raise ValueError(f"{len(doors)} doors, per_door = {per_door}: both from 1")

@@ -91,8 +91,7 @@ def export_demonstrations(
     the pictures of some cameras, whose size is width and height [px].
 
     Raises:
-        ValueError: The target exists, the source is damaged or not sampled at equal
-            steps, or it cannot be drawn.
+        ValueError: The target exists, or the source cannot be exported.
         OSError: A file cannot be read or written, or this machine cannot render.
         ModuleNotFoundError: The library of the format is not installed.
     """

@@ -1,8 +1,7 @@
 """Writes a commanded path in files for robots: CSV, TUM trajectory, JSON, ROS 2 bag.
 
 Numbers are read back bit for bit. ``about`` has the entries of JSON besides the
-samples; its entry "frame" contains the frame's name, which is the frame_id of messages,
-and its axes.
+samples; its entry "frame" contains name and axes of the frame.
 """
 
 from collections.abc import Mapping

@@ -94,13 +94,7 @@ class _Columns:
 
 
 def write(path: Path, demonstrations: Sequence[Rows]) -> None:
-    """Write a data set.
-
-    Raises:
-        ValueError: The rate is not a whole number of samples per second, as LeRobot
-            requires.
-        OSError: It cannot be written.
-    """
+    """Write a data set; raise ValueError if the rate is no whole number [Hz]."""
     rate = round(demonstrations[0].rate)
     if any(abs(rows.rate / max(rate, 1) - 1.0) > 0.01 for rows in demonstrations):
         raise ValueError(
