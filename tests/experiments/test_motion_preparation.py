@@ -58,9 +58,7 @@ def only(
 
 
 def texts(motion: Motion, *, warnings: bool | None = None) -> str:
-    return "\n".join(
-        note.text for note in motion.notes if warnings in (None, note.warning)
-    )
+    return "\n".join(n.text for n in motion.notes if warnings in (None, n.warning))
 
 
 RAW = door()
@@ -117,9 +115,7 @@ def test_a_clock_that_restarts_divides_the_recording(late):
     for motion, span in zip(motions, ("4 to 204", "205 to 405"), strict=True):
         said = f"samples {span}, because the clock restarts"
         assert said in texts(motion, warnings=True)
-    (motion,) = prepare(
-        [replace(whole, times=times)], replace(AS_RECORDED, recorded_rate=RATE)
-    )
+    motion = only(replace(whole, times=times), recorded_rate=RATE)
     assert len(motion.demonstration.times) == 405
     assert "its time stamps replaced: 200 Hz" in texts(motion, warnings=True)
 
@@ -144,9 +140,8 @@ def test_the_same_motion_again_is_named():
 def test_signs_of_quaternions_do_not_matter():
     signs = np.where(np.arange(len(RAW.positions)) % 7 < 3, -1.02, 0.98)
     motion = only(replace(RAW, quaternions=RAW.quaternions * signs[:, None]))
-    assert_allclose(
-        motion.demonstration.poses, only(RAW).demonstration.poses, atol=1e-9
-    )
+    expected = only(RAW).demonstration.poses
+    assert_allclose(motion.demonstration.poses, expected, atol=1e-9)
     assert "quaternions changed sign" in texts(motion, warnings=False)
 
 

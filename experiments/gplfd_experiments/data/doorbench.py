@@ -49,6 +49,20 @@ _LATCH: Final = {
     "lockset.bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
 }
 """Fields of `DoorConfig` and its parts, and their places in a specification."""
+_LOST: Final = {
+    "physics/latch/holding_force_N": (0, "the {:g} N with which its latch holds it"),
+    "lock/engaged": (False, "its lock is engaged; the door is left unlocked"),
+}
+_LOST_OF_HINGES: Final = {
+    "leaf/count": (1, "its other leaf"),
+    "kinematics/both_ways": (False, "it also opens the other way"),
+    "kinematics/rest_angle_deg": (0, "it rests open at {:g}°; here it is closed"),
+    "hinge/pivot_offset_m": (0, "the {:g} m of its leaf beyond the pivot"),
+    "hinge/axis_tilt_deg": (0, "its hinge axis is tilted by {:g}°; here it is upright"),
+    "physics/closer/hold_open_rad": (None, "its closer holds the door open at {} rad"),
+    "physics/closer/latch_boost": (1, "its closer's latch boost of {:g}"),
+}
+"""Entries, the value that can be represented, and what is lost of another."""
 _KINDS: Final[Mapping[str, Handle]] = {
     "lever": "lever",
     "knob": "knob",
@@ -79,13 +93,13 @@ class _Specification(NamedTuple):
     entries: Mapping[str, Any]
     lost: list[str]
 
-    def at(self, place: str, kind: Any = float, default: Any = None) -> Any:
+    def at(self, place: str, kind: Any = float, default: Any = ...) -> Any:
         """Return the entry at a path of names, as the required type."""
         *tables, name = place.split("/")
         spec = self.entries
         for table in tables:
             spec = entry(spec, table, dict[str, Any])
-        absent = default is not None and name not in spec
+        absent = default is not ... and name not in spec
         return default if absent else entry(spec, name, kind)
 
     def all_at(self, places: Mapping[str, str]) -> _Fields:
@@ -96,6 +110,12 @@ class _Specification(NamedTuple):
         """Note a property that cannot be represented, if its value is not empty."""
         if value:
             self.lost.append(text)
+
+    def lose_all(self, entries: Mapping[str, tuple[Any, str]]) -> None:
+        """Note the entries that are other than those that can be represented."""
+        for place, (represented, text) in entries.items():
+            value = self.at(place, Any, represented)
+            self.lose(value != represented, text.format(value))
 
 
 def read_doorbench(path: str | Path) -> ImportedDoor:
@@ -127,10 +147,7 @@ def _fields(spec: _Specification) -> _Fields:
     fields |= _FAMILIES[family](spec)
     fields |= _operated(spec, fields)
     fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
-    held = spec.at("physics/latch/holding_force_N")
-    spec.lose(held, f"the {held:g} N with which its latch holds it")
-    locked = spec.at("lock/engaged", bool)
-    spec.lose(locked, "its lock is engaged; the door is left unlocked")
+    spec.lose_all(_LOST)
     return fields
 
 
@@ -139,27 +156,16 @@ def _hinged(spec: _Specification) -> _Fields:
     fields = spec.all_at(_HINGED)
     if spec.at("kinematics/joining_bolt_engaged", Any, True) is False:
         raise ValueError("its halves are not joined: two leaves, one above the other")
-    spec.lose(spec.at("leaf/count") > 1, "its other leaf")
-    both = spec.at("kinematics/both_ways", Any, False)
-    spec.lose(both, "it also opens the other way")
-    rest = spec.at("kinematics/rest_angle_deg", default=0.0)
-    spec.lose(rest, f"it rests open at {rest:g}°; here it is closed")
-    if beyond := spec.at("hinge/pivot_offset_m", default=0.0):
-        spec.lose(beyond, f"the {beyond:g} m of its leaf beyond the pivot")
-        fields["leaf.width"] = spec.at("leaf/width") - beyond
+    spec.lose_all(_LOST_OF_HINGES)
+    beyond = spec.at("hinge/pivot_offset_m", default=0.0)
+    closing = spec.at("physics/closer/damping_closing")
+    fields["leaf.width"] = spec.at("leaf/width") - beyond
     fields["swing"] = "push" if spec.at("robot/is_push", bool) else "pull"
     fields["stop_angle"] = math.radians(spec.at("kinematics/max_open_deg"))
-    tilt = spec.at("hinge/axis_tilt_deg")
-    spec.lose(tilt, f"its hinge axis is tilted by {tilt:g}°; here it is upright")
-    closing = spec.at("physics/closer/damping_closing")
     fields["closer.closing_damping"] = closing - fields["closer.damping"]
     angle = spec.at("physics/closer/backcheck_angle_rad", float | None)
     if angle is not None:
         fields["closer.backcheck_angle"] = angle
-    hold = spec.at("physics/closer", dict[str, Any]).get("hold_open_rad")
-    spec.lose(hold is not None, f"its closer holds the door open at {hold!r:.20} rad")
-    boost = spec.at("physics/closer/latch_boost")
-    spec.lose(boost != 1.0, f"its closer's latch boost of {boost:g}")
     return fields
 
 

@@ -76,21 +76,21 @@ class RawRecording:
 
 
 def chosen(
-    wanted: str | None, known: Mapping[str, Any], what: str, *, file: str
+    wanted: str | None, items: Mapping[str, Any], what: str, *, file: str
 ) -> tuple[str, Any]:
     """Return the selected item of a file, or the only one; raise ValueError without."""
-    if not known:
+    if not items:
         raise ValueError(f"{file} has no {what}")
-    names = ", ".join(sorted(known)[:_LISTED]) + (", …" if len(known) > _LISTED else "")
-    if wanted is None and len(known) > 1:
+    names = ", ".join(sorted(items)[:_LISTED]) + (", …" if len(items) > _LISTED else "")
+    if wanted is None and len(items) > 1:
         raise ValueError(
             f"{file} has more than one {what}; choose with --body: {names}"
         )
-    wanted = next(iter(known)) if wanted is None else wanted
-    if wanted not in known:
-        hint = nearest_name(wanted, known)
+    wanted = next(iter(items)) if wanted is None else wanted
+    if wanted not in items:
+        hint = nearest_name(wanted, items)
         raise ValueError(f"{file} has no {what} {wanted!r}{hint}; it has {names}")
-    return wanted, known[wanted]
+    return wanted, items[wanted]
 
 
 def restarts(times: FloatArray) -> list[int]:

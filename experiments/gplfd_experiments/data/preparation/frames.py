@@ -338,11 +338,11 @@ def wrenches_of_the_hand(
         measured = measured - in_axes(tool, axes)
         notes.add(f"weight of {weight:g} N subtracted from the forces")
     if (rest := settings.force_rest) > 0.0:
-        known = np.isfinite(measured).all(axis=1) & (samples.times <= rest)
-        if not known.any():
+        resting = np.isfinite(measured).all(axis=1) & (samples.times <= rest)
+        if not resting.any():
             notes.warn(f"forces left out: no sample in the first {rest:g} s")
             return without
-        bias = measured[known].mean(axis=0)
+        bias = measured[resting].mean(axis=0)
         measured = measured - bias
         force, moment = np.linalg.norm(bias[:3]), np.linalg.norm(bias[3:])
         notes.add(f"bias of {force:.3g} N and {moment:.3g} N m subtracted from forces")

@@ -159,9 +159,9 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
         notes.add("no unit given: taken as metres")
     signals = {name: signal.copy() for name, signal in raw.signals.items()}
     for column in (column for signal in signals.values() for column in signal.T):
-        known = np.isfinite(column) & np.isfinite(times)
-        if known.any() and not known.all():
-            column[:] = np.interp(times, times[known], column[known])
+        recorded = np.isfinite(column) & np.isfinite(times)
+        if recorded.any() and not recorded.all():
+            column[:] = np.interp(times, times[recorded], column[recorded])
     positions = raw.positions * METRES[units or raw.unit or "m"]
     samples = Samples(
         times=times,

@@ -146,14 +146,14 @@ def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
         raise ValueError(f"there is no sample {where}")
     if gaps := np.count_nonzero(np.diff(times) > 2.5 * step):
         notes.add(f"{gaps} gaps bridged, the longest of {gap:.2g} s")
-    if wrenches is None or (known := np.isfinite(wrenches).all(axis=1)).all():
+    if wrenches is None or (felt := np.isfinite(wrenches).all(axis=1)).all():
         return samples
-    gap, where = longest_gap(np.concatenate([times[:1], times[known], times[-1:]]))
-    if not known.any() or gap > longest:
+    gap, where = longest_gap(np.concatenate([times[:1], times[felt], times[-1:]]))
+    if not felt.any() or gap > longest:
         notes.warn(f"forces left out: there are none {where}")
         return replace(samples, wrenches=None)
-    notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
-    filled = interpolated(times, times[known], wrenches[known])
+    notes.add(f"forces of {np.count_nonzero(~felt)} samples interpolated")
+    filled = interpolated(times, times[felt], wrenches[felt])
     return replace(samples, wrenches=filled)
 
 

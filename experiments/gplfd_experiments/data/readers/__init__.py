@@ -29,7 +29,7 @@ try:
 except ImportError:  # Windows, where only the time is limited.
     resource = None  # type: ignore[assignment]
 
-__all__ = ["ImportSettings", "read_files", "read_recordings"]
+__all__ = ["ImportSettings", "read_files"]
 
 _LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (6.0, 5e-6))
 """Memory of the child [bytes], written bytes, for example of a decompressed bag,
@@ -117,8 +117,10 @@ def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
     return recordings
 
 
-def read_recordings(path: str | Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read all motions in a file or folder, whose name determines its kind.
+def read_files(
+    paths: Sequence[str | Path], settings: ImportSettings
+) -> Iterator[list[RawRecording]]:
+    """Yield all motions in each file or folder, whose name determines its kind.
 
     Raises:
         OSError: There is no such file, or it cannot be read.
@@ -126,14 +128,6 @@ def read_recordings(path: str | Path, settings: ImportSettings) -> list[RawRecor
         ValueError: It is damaged, of unknown kind, too large, or lacks the selected
             item. The message names file, line or field, and says what to do.
     """
-    (recordings,) = read_files([path], settings)
-    return recordings
-
-
-def read_files(
-    paths: Sequence[str | Path], settings: ImportSettings
-) -> Iterator[list[RawRecording]]:
-    """Yield the motions of each file in turn; raises what `read_recordings` raises."""
     files = [Path(path) for path in paths]
     readers = [reader_of(path) for path in files]
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}

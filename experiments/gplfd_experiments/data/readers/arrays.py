@@ -124,31 +124,26 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 
 def from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
     """Return the motion in arrays with supported names, see `array_columns`."""
-    columns: dict[str, tuple[FloatArray, str | None]] = {}
-    unused = []
-    heads = renamed(list(arrays), settings.columns)
-    for head, (key, array) in zip(heads, arrays.items(), strict=True):
-        short, unit, owner = understood(head)
-        names: tuple[str, ...] = ()
-        if short and not owner:
-            names = (short,)
-        else:
+    heads, values, unused = list[str](), list[FloatArray](), list[str]()
+    names_of_arrays = renamed(list(arrays), settings.columns)
+    for head, (key, array) in zip(names_of_arrays, arrays.items(), strict=True):
+        short, _, owner = understood(head)
+        names: tuple[str, ...] = (head,)
+        if short is None or owner:
             names = array_columns(head, array.shape, settings)
             if "qw" in names and head.lower() not in ARRAYS:
                 settings = replace(settings, quaternions=None)  # It had its effect.
-        if not names:
+        if names:
+            # There may be fewer columns, of positions without z.
+            rows = _as_rows(key, array, len(names))
+            values += list(rows.T)
+            heads += names[: rows.shape[1]]
+        else:
             unused.append(key)
-            continue
-        # There may be fewer columns, of positions without z.
-        rows = _as_rows(key, array, len(names))
-        for column, values in zip(names, rows.T, strict=False):
-            if column in columns:
-                raise ValueError(f"it has two arrays for {column}, one is {key!r}")
-            columns[column] = (values, unit)
-    if not {"x", "y"} <= set(columns):
-        raise ValueError(f"{name} has x and no y: it has {_shapes(arrays)}")
-    if len({len(values) for values, _ in columns.values()}) > 1:
+    if len({len(column) for column in values}) > 1:
         raise ValueError(f"its arrays differ in length: {_shapes(arrays)}")
+    places = named_columns(heads, name)
+    columns = {column: (values[at], unit) for column, (at, unit) in places.items()}
     return recording(name, columns, settings, unused)
 
 
