@@ -28,11 +28,6 @@ _WORDS: Final[Mapping[str, str]] = {
 }
 """Plain words for ``failure`` and ``reason`` of an episode."""
 
-MEANINGS: Final[Mapping[str, str]] = {
-    failure.replace("_", " "): words for failure, words in _WORDS.items()
-}
-"""The same words by `failure_name`."""
-
 
 def failure_name(failure: str, unknown: str) -> str:
     """Return a failure as text, or another text if the environment gives none."""

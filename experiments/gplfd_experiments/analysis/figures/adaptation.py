@@ -28,11 +28,10 @@ _DOTTED: Final = (0, (1.0, 1.0))
 
 
 def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
-    """Show an agent the observations of a logged episode, row by row.
+    """Show an agent the observations of a logged episode, row by row, as it is asked.
 
-    Nothing is simulated. The agent of the log repeats its decisions; another agent
-    decides on the same observations. The agent is reset immediately and acts when the
-    next decision is requested; between decisions, `expectation` returns its forecast.
+    Nothing is simulated. The agent of the log repeats its decisions; between decisions,
+    `expectation` returns its forecast.
     """
 
     def observation(row: int) -> Observation:

@@ -1,9 +1,11 @@
 """All figures by name; draws one of them with its caption."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
+
+from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.figures import (
     adaptation,
@@ -11,26 +13,29 @@ from gplfd_experiments.analysis.figures import (
     stiffness,
     synthetic,
 )
-from gplfd_experiments.analysis.figures.material import Material, PaperFigure
+from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
 from gplfd_policies.arrays.storage import complete_or_absent
 
+
+class PaperFigure(NamedTuple):
+    """A figure of the paper; drawing simulates nothing."""
+
+    title: str
+    draw: Callable[[Material], tuple[Figure, str]]
+    """Returns the figure, and a paragraph about it, the paper's version and numbers."""
+    doors: tuple[str, ...] = ()
+    """Doors whose episodes it shows."""
+
+
 FIGURES: Final[Mapping[str, PaperFigure]] = {
     "fig02": PaperFigure("One noise level against a local one", synthetic.fig02),
-    "fig03": PaperFigure(
-        "Alignment by distance and by task completion", synthetic.fig03
-    ),
+    "fig03": PaperFigure("Alignment by distance and by completion", synthetic.fig03),
     "fig04": PaperFigure("Strong and weak via-points", synthetic.fig04),
-    "fig06": PaperFigure(
-        "From demonstrations to a policy, output by output", learned.fig06
-    ),
+    "fig06": PaperFigure("From demonstrations to a policy", learned.fig06),
     "fig07": PaperFigure("The policy on the plane of the door", learned.fig07),
-    "fig09": PaperFigure(
-        "Adaptation while the door opens", adaptation.fig09, adaptation.DOORS
-    ),
-    "fig10": PaperFigure(
-        "Stiffness and its stability", stiffness.fig10, stiffness.DOORS
-    ),
+    "fig09": PaperFigure("Adaptation of a policy", adaptation.fig09, adaptation.DOORS),
+    "fig10": PaperFigure("Stiffness and stability", stiffness.fig10, stiffness.DOORS),
 }
 """Figures of the paper by their number."""
 

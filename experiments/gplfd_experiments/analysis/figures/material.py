@@ -1,10 +1,8 @@
-"""Input of the figures, and the record of a figure."""
+"""Input of the figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
-
-from matplotlib.figure import Figure
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -20,15 +18,3 @@ class Material:
     seed: int
     demonstrations: LabelledDemonstrations
     episodes: Mapping[str, EpisodeLog]
-
-
-@dataclass(frozen=True, slots=True)
-class PaperFigure:
-    """A figure of the paper, or one more; nothing is simulated."""
-
-    title: str
-    draw: Callable[[Material], tuple[Figure, str]]
-    """Returns the figure, and a paragraph about it, the paper's version and the
-    numbers."""
-    doors: tuple[str, ...] = ()
-    """Doors whose episodes it shows."""

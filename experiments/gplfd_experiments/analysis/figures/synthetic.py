@@ -1,8 +1,7 @@
 """Figs. 2 to 4: noise, alignment and via-points in synthetic pick-and-place motions.
 
-The data of the paper's figures are not public. The motions have the properties that the
-paper states: both ends are constrained and the path between them is free, or the shelf
-is at one of two heights.
+The paper's data are not public. As the paper states, both ends are constrained and the
+path between them is free, or the shelf is at one of two heights.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,7 @@
 """The content of a report, written as one HTML file and as Markdown beside its plots.
 
 Texts may contain ``**bold**``, ```code``` and backslashes before characters that are
-not marks. All other characters are shown unchanged. Texts from files go through `code`
-or `literal`.
+not marks. Texts from files go through `code` or `literal`.
 """
 
 import base64
@@ -77,7 +76,6 @@ class Column:
     heading: str
     cell: Callable[[Sequence[Any]], str]
     """Returns the text of a cell from the results of a policy that count."""
-    meaning: str = ""
 
 
 def code(text: object) -> str:
@@ -109,7 +107,6 @@ def measure_column(
     return Column(
         "\n".join(measure.column for measure in measures),
         lambda results: "\n".join(m.text(number(m, results)) for m in measures),
-        "; ".join(filter(None, (measure.name for measure in measures))),
     )
 
 

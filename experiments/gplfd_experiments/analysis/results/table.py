@@ -25,7 +25,6 @@ from gplfd_experiments.analysis.results.reading import (
 from gplfd_experiments.analysis.results.statistics import success_rate
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.metrics import late_decisions
-from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.store import result_path
@@ -180,30 +179,23 @@ def write_tables(
 
 
 def write_rows(path: Path, results: StudyResults) -> None:
-    """Write fields and metrics of every task; None as an empty cell, lists as JSON.
-
-    Raises ValueError for another suffix, ModuleNotFoundError without pyarrow.
-    """
-    if path.suffix not in (".csv", ".parquet"):
-        raise ValueError(f"{path} must end in .csv or .parquet")
+    """Write fields and metrics of every task as CSV; None is empty, lists are JSON."""
+    if path.suffix != ".csv":
+        raise ValueError(f"{path} must end in .csv")
     tasks = [
         {**result.task.definition, "error": result.error, "code": result.code}
         | dict(result.metrics)
         for result in results.all
     ]
-    columns = dict.fromkeys(name for row in tasks for name in row)
     plain = bool | int | float | str | None
-    rows = [
-        {n: v if isinstance(v := row.get(n), plain) else json.dumps(v) for n in columns}
-        for row in tasks
-    ]
-    with complete_or_absent(path) as temporary:
-        if path.suffix == ".csv":
-            with temporary.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, columns)
-                writer.writeheader()
-                writer.writerows(rows)
-        else:
-            with optional_libraries("Parquet needs pyarrow", "lerobot"):
-                import pyarrow.parquet
-            pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), temporary)
+    with (
+        complete_or_absent(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        names = dict.fromkeys(name for row in tasks for name in row)
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        for row in tasks:
+            cells = row.items()
+            texts = {n: v if isinstance(v, plain) else json.dumps(v) for n, v in cells}
+            writer.writerow(texts)

@@ -229,8 +229,8 @@ class Report:
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Policy with which the others are compared; the best if the study lacks it."""
 
-    rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write a row per task: FILE.csv, or FILE.parquet (extra lerobot)."""
+    rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    """Also write a row per task."""
 
     def execute(self) -> int:
         """Write the pages, print their location; `FAILED` if all tasks failed."""
