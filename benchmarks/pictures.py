@@ -39,16 +39,15 @@ from rerun.experimental import ViewerClient
 from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
-from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import why_closed
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.recording.comparison import record_comparison
 from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.video import VideoFormat, write_video
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
-from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.studies.trials.protocol import TRIALS
+from gplfd_experiments.studies.trials.protocol import TRIALS, named_trials, trial_tasks
 from gplfd_policies import Demonstration
 from gplfd_policies.arrays.storage import complete_or_absent
 

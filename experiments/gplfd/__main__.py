@@ -1,30 +1,20 @@
 """The command ``gplfd``: exit status 2 in the small installation, 130 after Ctrl-C."""
 
-import sys
-
-if __name__ == "__main__" and not sys.flags.safe_path:
-    # ``-m`` searches the working folder first, which may hold a random.py.
-    sys.path.pop(0)
-
 import os
+import sys
 
 
 def main() -> int:
     """Run `gplfd_experiments.cli.main.main` and return the exit status."""
-    utf8 = {**os.environ, "PYTHONUTF8": "1"}
-    if sys.getfilesystemencoding() != "utf-8" and os.environ != utf8:
-        # In an ASCII locale, names of files could not be stored and read again.
-        os.execve(sys.executable, sys.orig_argv, utf8)
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed, as in ``gplfd list >&-``
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    for stream in filter(None, (sys.stdout, sys.stderr)):
         # An ASCII terminal gets escapes instead of an error.
-        getattr(sys, name).reconfigure(errors="backslashreplace")
+        stream.reconfigure(errors="backslashreplace")
     try:
         from gplfd_experiments.cli.main import main as run
 
         status = run()
-        sys.stdout.flush()
+        if sys.stdout:
+            sys.stdout.flush()
         return status
     except ModuleNotFoundError as error:
         if (error.name or "gplfd").startswith("gplfd"):

@@ -1,8 +1,5 @@
 """A recorded data set: readable by Minari itself, complete, whole or absent."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +14,6 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.info import TEXTS
 from gplfd_experiments.data.minari import (
-    PHYSICS_STATE,
     Recorder,
     open_dataset,
     outcome,
@@ -92,25 +88,6 @@ def test_minari_reads_every_bit_seed_and_option(folder, episodes):
     assert second["options"] == OPTIONS
 
 
-def test_minari_finds_it_by_id_and_recovers_the_environment(folder):
-    """In a process that knows nothing of this package."""
-    code = (
-        "import minari\n"
-        "env = minari.load_dataset('pulled-v2').recover_environment()\n"
-        "print(env.spec.id, env.spec.max_episode_steps)\n"
-        "print(sorted(env.reset(seed=0)[0]))\n"
-    )
-    ran = subprocess.run(
-        [sys.executable, "-W", "error::UserWarning", "-c", code],
-        env=os.environ | {"MINARI_DATASETS_PATH": str(folder.parent)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert f"{ENVIRONMENT_ID} {N_STEPS}" in ran.stdout
-    assert "'ee_pose'" in ran.stdout
-
-
 def test_it_says_how_it_was_recorded(folder, episodes):
     dataset = open_dataset(folder)
     assert dataset.path == folder
@@ -125,27 +102,6 @@ def test_it_says_how_it_was_recorded(folder, episodes):
     assert dataset.arguments["max_episode_steps"] == N_STEPS
     assert dataset.origin["config"] == {"a": 1}
     assert dataset.origin["versions"]["mujoco"] == mujoco.__version__
-
-
-def test_a_recording_is_of_one_episode_as_it_was_seen(env):
-    """What becomes of the arrays later, and another reset, leave it alone."""
-    recorder = Recorder(env)
-    recorder.reset(seed=2)
-    recorder.step(np.zeros(6))
-    observation, info = recorder.reset(seed=0)
-    action = np.full(6, 0.01)
-    for name in observation:
-        observation[name][:] = 99.0
-    info["handle_pose"][:] = 99.0
-    for _ in range(3):
-        recorder.step(action)
-    action[:] = 99.0
-    episode = recorder.episode
-    assert (episode.seed, len(episode.rewards)) == (0, 3)
-    assert len(episode.infos[PHYSICS_STATE]) == 4
-    assert np.abs(episode.observations["ee_pose"]).max() < 1.0
-    assert np.abs(episode.infos["handle_pose"]).max() < 1.0
-    assert np.all(episode.actions == 0.01)
 
 
 def test_a_data_set_is_whole_or_absent_and_replaced_only_when_told(

@@ -115,5 +115,5 @@ def test_a_policy_of_one_s_own_travels_to_the_cluster(scheduler, tmp_path, monke
         monkeypatch.delitem(sys.modules, "travelling", raising=False)
         engine = Engine(engine="dask", address=scheduler)
         (result,) = run_study(folder / "study", tasks(checked(settings)), engine)
-        assert result["error"].startswith(f"RuntimeError: {version} (travelling_")
-        assert result["error"].endswith(".py, line 2, in make)")
+        assert result["error"].startswith(f"RuntimeError: {version} (travelling.py")
+        assert result["error"].endswith(", line 2, in make)")

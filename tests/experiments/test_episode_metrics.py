@@ -9,19 +9,17 @@ import pytest
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_experiments.episodes.forecast_error import (
-    PROGRESS,
-    forecast_errors,
-    handle_path,
-    squared_distances,
-)
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.metrics import (
+    PROGRESS,
     door_acceleration,
     episode_metrics,
+    forecast_errors,
+    handle_path,
     late_decisions,
     log_dimensionless_jerk,
     opening_motion,
+    squared_distances,
     sustained,
     work_on_door,
 )

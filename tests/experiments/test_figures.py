@@ -65,9 +65,9 @@ def drawn(doors, make_log):
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory):
+def opened():
     """One real opening."""
-    return material(tmp_path_factory.mktemp("runs"), ["large"], seed=0)
+    return material(["large"], seed=0)
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -134,27 +134,6 @@ def test_captions_keep_those_of_other_figures(tmp_path):
         "## fig03: T (seed 7)\n\nSeen in fig03.\n\n"
         "## fig04: T (seed 0)\n\nSeen in fig04.\n"
     )
-
-
-def test_runs_are_kept_apart_by_whatever_they_depend_on(
-    make_log, tmp_path, monkeypatch
-):
-    made = []
-
-    def rollout(*_, door, **__):
-        made.append(door)
-        return make_log(n_steps=11, door=door)
-
-    monkeypatch.setattr(module, "rollout", rollout)
-    agent = SimpleNamespace(control="pose")
-    monkeypatch.setattr(module, "learned_agents", lambda *_: lambda: agent)
-    for seed, doors in ((0, ["small"]), (0, ["small", "0.42"]), (1, ["small"])):
-        material(tmp_path, doors, seed=seed)
-    assert made == ["small", "0.42", "small"]
-    monkeypatch.setattr(module, "source_digest", lambda: "another program")
-    material(tmp_path, ["small"], seed=0)
-    assert made == ["small", "0.42", "small", "small"]
-    assert len(list(tmp_path.iterdir())) == 3
 
 
 def panel(figure, letter):
@@ -302,9 +281,7 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     assert len(np.asarray(marks[1].get_xdata())) == 0
 
 
-def test_the_command_draws_some_figures_and_keeps_their_runs(
-    gplfd, tmp_path, make_log, monkeypatch
-):
+def test_the_command_draws_some_figures(gplfd, tmp_path, make_log, monkeypatch):
     """Episodes by formula, and two figures, one of them with episodes."""
 
     def short(*_, door, **__):
@@ -316,15 +293,10 @@ def test_the_command_draws_some_figures_and_keeps_their_runs(
     out = tmp_path / "out"
     for only in ("fig10", "fig03"):
         assert gplfd("figures", "--out", "out", "--only", only) == 0
-        monkeypatch.setattr(module, "rollout", simulate)
     images = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
-    expected = {*images, "captions.md", "figures.json", "logs"}
+    expected = {*images, "captions.md", "figures.json"}
     assert {path.name for path in out.iterdir()} == expected
     captions = (out / "captions.md").read_text()
     heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]
     assert heads == ["## fig03", "## fig10"]
     assert json.loads((out / "figures.json").read_text())["config"]["seed"] == 0
-    # Runs are used again.
-    (out / "fig10.svg").unlink()
-    assert gplfd("figures", "--out", "out", "--only", "fig10") == 0
-    assert (out / "fig10.svg").is_file()

@@ -13,30 +13,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
-from gplfd_experiments.studies.learning_tests import synthetic
-from gplfd_experiments.studies.learning_tests.accuracy import (
-    accuracy,
-    spread_followed,
-)
+from gplfd_experiments.studies.learning_tests import scores
 from gplfd_experiments.studies.learning_tests.folds import (
     OnPhases,
+    accuracy,
     aligned_to,
     by_door,
     folds,
     learn,
+    spread_followed,
 )
-from gplfd_experiments.studies.learning_tests.scores import method_metrics
-from gplfd_experiments.studies.learning_tests.synthetic import (
+from gplfd_experiments.studies.learning_tests.scores import (
     TUMBLE_STD,
+    adaptation,
     beyond,
+    force_scores,
+    method_metrics,
     prior_mean_used,
     tumbled_rotations,
     tumbling,
-)
-from gplfd_experiments.studies.learning_tests.via_points import (
-    GRID,
-    adaptation,
-    force_scores,
 )
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
@@ -285,12 +280,6 @@ def test_far_error_is_a_share_of_what_it_was(share, error):
     assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
 
 
-def test_a_method_without_via_points_has_no_scores():
-    left_out = OnPhases(phases=GRID, poses=zeros(GRID))
-    score = adaptation(knowing(), Known(aligned_doors()), [left_out])
-    assert set(score.values()) == {None}
-
-
 def test_growth_is_the_std_beyond_over_that_at_the_end():
     def growing(times: np.ndarray) -> np.ndarray:
         # Fourfold beyond, and less within: that is no growth at the end.
@@ -351,7 +340,7 @@ def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():
         return mean
 
     def spread(times: np.ndarray, scale: float = 1.0) -> np.ndarray:
-        return scale * synthetic._spread(times)[:, None] * np.ones(6)
+        return scale * scores._spread(times)[:, None] * np.ones(6)
 
     known = tumbling(knowing(tumbled, spread), 0)
     assert known["tumbling_error"] == pytest.approx(0.0, abs=1e-9)
@@ -359,7 +348,7 @@ def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():
     doubled = Known(aligned_doors(), tumbled, functools.partial(spread, scale=2.0))
     # ln 2 - 3/8 for a std twice too large.
     expected = math.log(2.0) - 0.375
-    assert synthetic._excess(doubled, 0) == pytest.approx(expected, abs=0.05)
+    assert scores._excess(doubled, 0) == pytest.approx(expected, abs=0.05)
     off = tumbling(knowing(functools.partial(tumbled, off=TUMBLE_STD)), 0)
     assert off["tumbling_error"] == pytest.approx(1.0)
 

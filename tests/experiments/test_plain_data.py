@@ -75,7 +75,7 @@ def test_an_entry_is_taken_as_its_type(name, kind, value):
         ("far", float, "far = inf must be a number"),
         ("t", float | None, "t = 'a' must be a number or null"),
         ("t", tuple[str, ...], "t = 'a' must be a list in [brackets], each of it a te"),
-        ("by", dict[str, str], "by = {'a': 1} must be an object in {braces}, each of"),
+        ("by", dict[str, str], "by = {'a': 1} must be an object in {braces}"),
     ],
 )
 def test_an_entry_of_another_type_is_named(name, kind, message):

@@ -169,13 +169,13 @@ def agents_of(policy: str) -> Callable[[], Any]:
 
 
 def in_lockstep(
-    policy: str, make: Any = None, n_names: int = 3, **options: Any
+    policy: str, make: Any = None, **options: Any
 ) -> tuple[EpisodeLog, ...]:
     make = make or agents_of(policy)
     agents = batch_agents([make() for _ in DOORS])
     settings = {"door": DOORS, "autoreset_mode": "Disabled", **options}
     envs: Any = gym.make_vec(ENVIRONMENT_IDS[agents.control], len(DOORS), **settings)
-    names = [str(door) for door in DOORS][:n_names]
+    names = [str(door) for door in DOORS]
     return rollouts(envs, agents, policy=policy, doors=names, seeds=SEEDS)
 
 
@@ -236,5 +236,3 @@ def test_wrong_environments_are_refused():
         rollout(gym.make(ENVIRONMENT_ID), Softening(), policy="", door="", seed=3)
     with pytest.raises(ValueError, match='autoreset_mode="Disabled"'):
         in_lockstep("own", Softening, autoreset_mode="NextStep")
-    with pytest.raises(ValueError, match="3 simulations need as many doors and seeds"):
-        in_lockstep("own", Softening, n_names=2)

@@ -12,14 +12,15 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.learning_tests.folds import aligned_to, learn
-from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
-from gplfd_experiments.studies.learning_tests.via_points import (
+from gplfd_experiments.studies.learning_tests.scores import (
     GRID,
     Forecast,
     forecasts,
     online_forecasts,
     path_distance,
+    recorded_metrics,
     watch,
+    without,
 )
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -189,21 +190,6 @@ def test_the_command_reports_and_goes_on(folder, capsys):
     assert cli.main(["skill", "other.npz", *command[2:]]) == 2
     assert "choose another --out" in capsys.readouterr().err
     assert len(list(Path("out/tasks").iterdir())) == 9
-
-
-def test_recordings_that_no_method_can_learn_from_are_reported(
-    folder, capsys, monkeypatch
-):
-    def refused(*arguments: object) -> None:
-        raise ValueError("nothing to learn here")
-
-    scores = "gplfd_experiments.studies.learning_tests.scores"
-    monkeypatch.setattr(f"{scores}.learn", refused)
-    command = "skill demos.npz --engine serial --out out --reference dmp --policies dmp"
-    assert cli.main(command.split()) == 1
-    errors = capsys.readouterr().err
-    assert "dmp, recording 0 left out: ValueError: nothing to learn here" in errors
-    assert "nothing to learn here" in Path("out/report.md").read_text()
 
 
 @pytest.mark.parametrize(

@@ -128,10 +128,6 @@ def test_demonstrated_doors_have_their_own_hardware():
             - np.median(np.linalg.norm(one.wrenches[:, :3], axis=1))
         )
     assert pulls == pytest.approx([0.0, 10.0 / 0.5, 0.0], abs=2.0)
-    with pytest.raises(
-        ValueError, match=r"for each of the 3 demonstrated doors.* got 1"
-    ):
-        task("gp", demonstrated_hardware=({"closer": {"preload": 10.0}},))
 
 
 def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):

@@ -22,17 +22,19 @@ from gplfd_experiments.episodes.build import (
 from gplfd_experiments.episodes.leading import LedAgent
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors
-from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View, checked_input
 from gplfd_experiments.teaching.lesson import (
+    SPRING,
+    CorrectedSkill,
     CorrectionLesson,
     DemonstrationLesson,
-    replay,
-)
-from gplfd_experiments.teaching.taught import (
-    CorrectedSkill,
+    Lead,
+    Person,
     Taught,
     TaughtSet,
+    View,
+    checked_input,
     read_taught,
+    replay,
 )
 from gplfd_experiments.workflows.skills import demonstrated_doors
 from gplfd_policies import load_skill
@@ -184,14 +186,14 @@ def test_a_set_goes_on_where_it_was_left_and_mends_what_is_missing(
     small: Taught, tmp_path: Path
 ) -> None:
     folder = tmp_path / "set"
-    TaughtSet(folder, {"doors": ("oven", "small")}).keep(small)
+    TaughtSet(folder, {}).keep(small)
     again = dataclasses.replace(small, name="0.35")
-    TaughtSet(folder, {"doors": ("0.350",)}).keep(again)
+    TaughtSet(folder, {}).keep(again)
     (folder / FILE).unlink()  # As if the process had been killed before writing it.
     assert len(TaughtSet(folder, {}).kept) == 2
     assert len(load_demonstrations(folder).demonstrations) == 2
     # It knows by which doors its skill is used.
-    assert demonstrated_doors(folder) == ("small", "0.350")
+    assert demonstrated_doors(folder) == ("small", "0.35")
     (tmp_path / "mine.txt").touch()
     with pytest.raises(ValueError, match="is no set of gplfd demos teach"):
         TaughtSet(tmp_path, {})

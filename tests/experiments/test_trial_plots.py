@@ -11,8 +11,7 @@ from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
 from gplfd_experiments.analysis.results.trials import Answer, of_trial, summary
-from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.studies.trials.records import Contrast, Side
+from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
 FORCE = "person_force_peak"
 POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp-constant-100": 50.0}

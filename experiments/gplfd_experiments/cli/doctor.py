@@ -1,4 +1,4 @@
-"""Checks what is installed on this machine, and what is missing for optional parts.
+"""What is here by name, and what is installed on this machine or missing.
 
 MuJoCo is imported in a child process only: the import fails with a ``MUJOCO_GL`` that
 this machine does not support, and a failed rendering may end the process.
@@ -12,29 +12,37 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 import joblib
 
-from gplfd_env.conventions.opengl import has_display
+from gplfd_env import (
+    ENVIRONMENT_ID,
+    GRIPPER_ENVIRONMENT_ID,
+    IMPEDANCE_ENVIRONMENT_ID,
+    MOBILE_ENVIRONMENT_ID,
+    RL_ENVIRONMENT_ID,
+)
+from gplfd_env.conventions.opengl import choose_opengl, has_display
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.viewer import viewer
+from gplfd_policies.registry.catalogue import POLICIES, packaged_summaries
 
-EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "dask": "studies on a cluster",
-        "ros": "ROS bags",
-        "lerobot": "LeRobot data sets",
-        "c3d": "C3D files",
-        "robomimic": "robomimic files",
-        "minari": "episode data sets",
-        "sb3": "Stable-Baselines3 learners",
-        "learners": "the diffusion policy of the examples",
-        "warp": "doors on a GPU (experimental)",
-        "video": "videos of `gplfd run --video`",
-    }
-)
+EXTRAS: Final[Mapping[str, str]] = {
+    "dask": "studies on a cluster",
+    "ros": "ROS bags",
+    "lerobot": "LeRobot data sets",
+    "c3d": "C3D files",
+    "robomimic": "robomimic files",
+    "minari": "episode data sets",
+    "sb3": "Stable-Baselines3 learners",
+    "learners": "the diffusion policy of the examples",
+    "warp": "doors on a GPU (experimental)",
+    "video": "videos of `gplfd run --video`",
+}
 """Extras of this package and their purpose, without those for developers."""
 
 _DRAW: Final = (
@@ -51,22 +59,24 @@ _PATIENCE: Final = 120.0  # Longest time for a rendering [s].
 def examined() -> dict[str, Any]:
     """Check this machine, its packages, and optional parts.
 
-    Takes as long as one or two renderings. Returns for each part its purpose, whether
-    it is present, and what was found or how to install it.
+    Takes as long as a rendering. Returns for each part its purpose, whether it is
+    present, and what was found or how to install it.
     """
-    # Try the backends with which MuJoCo may render here.
-    chosen = os.environ.get("MUJOCO_GL")
-    remark = f"MUJOCO_GL={chosen} does not work here; unset it, or " if chosen else ""
-    remark += (
-        "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
-        "libgl1-mesa-dri) or OSMesa, see docs/environment.md"
-    )
-    possible = ways(sys.platform, os.environ)
-    drawn = next(((way, by) for way in possible if (by := drawn_by(way))), None)
-    if drawn is not None:
-        way, renderer = drawn
+    try:
+        choose_opengl()
+        renderer, remark = drawn_by(), ""
+    except OSError as error:
+        renderer, remark = "", f"{error}; or "
+    way = os.environ.get("MUJOCO_GL", "")
+    if renderer:
         remark = f"with MUJOCO_GL={way}, " * bool(way) + f"drawn by {renderer}"
-    rows = [("pictures", 'render_mode="rgb_array"', drawn is not None, remark)]
+    else:
+        remark += f"MUJOCO_GL={way} does not work here; unset it, or " * bool(way)
+        remark += (
+            "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
+            "libgl1-mesa-dri) or OSMesa, see docs/environment.md"
+        )
+    rows = [("pictures", 'render_mode="rgb_array"', bool(renderer), remark)]
     display = has_display(sys.platform, os.environ)
     remark = "there is a display"
     if not display:
@@ -79,7 +89,6 @@ def examined() -> dict[str, Any]:
         rows.append(("viewer", "gplfd view", True, viewer()))
     except FileNotFoundError as error:
         rows.append(("viewer", "gplfd view", False, str(error)))
-    # Every distribution that an extra requires.
     for name, purpose in EXTRAS.items():
         installed, missing = [], []
         for requirement in importlib.metadata.requires("gplfd") or ():
@@ -98,7 +107,7 @@ def examined() -> dict[str, Any]:
     machine = {
         "python": platform.python_version(),
         "system": platform.platform(),
-        "processor": processor(),
+        "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
         # Fewer in a container, or with a CPU affinity.
         "default_workers": joblib.cpu_count(),
@@ -121,36 +130,69 @@ def sections(results: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str,
     return {**results, "parts": parts}
 
 
-def processor() -> str:
-    """Return the name of the processor, which `platform` lacks on Linux."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        text = ""
-    names = re.findall(r"model name\s*:\s*(.*)", text)
-    return names[0] if names else platform.processor()
-
-
-def ways(system: str, environment: Mapping[str, str]) -> tuple[str, ...]:
-    """Return values of MUJOCO_GL to try, "" for unset; a present value alone."""
-    if environment.get("MUJOCO_GL"):
-        return (environment["MUJOCO_GL"],)
-    if not system.startswith("linux"):
-        return ("",)
-    return (*([""] if has_display(system, environment) else []), "egl", "osmesa")
-
-
-def drawn_by(way: str) -> str:
+def drawn_by() -> str:
     """Render in a child process and return the name of the renderer; "" if it fails."""
+    command = [sys.executable, "-c", _DRAW]
     try:
         drawn = subprocess.run(
-            [sys.executable, "-c", _DRAW],
-            env=os.environ | ({"MUJOCO_GL": way} if way else {}),
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=_PATIENCE,
+            command, capture_output=True, text=True, check=True, timeout=_PATIENCE
         )
     except (OSError, subprocess.SubprocessError):
         return ""
     return drawn.stdout.strip().rpartition("\n")[2]
+
+
+def catalogue() -> dict[str, Mapping[str, str]]:
+    """Return a description of each name, by the titles of the sections."""
+    radius = allowed_range(DoorConfig, "radius")
+    standing = TIAGO_LIKE.stance(DoorConfig()).radius
+    return {
+        f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
+        f"{standing:g} m with a mobile base; or a .json file)": {
+            name: ("" if door.motion == "hinged" else f"{door.motion}, ")
+            + f"radius {door.radius:.2f} m, "
+            + f"hinge friction {door.hinge_friction:.2g} N m"
+            + (f", closer {door.closer.preload:.3g} N m" if door.closer.preload else "")
+            + (f", {door.handle}" if door.handle != "bar" else "")
+            + (" with latch" if door.latch != "none" else "")
+            for name, door in DOORS.items()
+        },
+        "methods that learn (or a policy of your own: module:function)": _policies(
+            "method"
+        ),
+        "ablations (a method with one part removed or replaced)": _policies("ablation"),
+        "references (policies that do not learn)": _policies("reference"),
+        "policies of installed packages": packaged_summaries(POLICIES),
+        "environments": {
+            ENVIRONMENT_ID: "action: pose of the hand in the task frame",
+            IMPEDANCE_ENVIRONMENT_ID: "action: pose and stiffness of the hand",
+            MOBILE_ENVIRONMENT_ID: "action: pose of the hand and velocity of the base",
+            GRIPPER_ENVIRONMENT_ID: "action: pose of the hand and width of the gripper",
+            RL_ENVIRONMENT_ID: "for reinforcement learning: flat observations, actions "
+            "within ±1, reward for low forces",
+        },
+        "randomizations (drawn at every reset)": {
+            "none": "nothing: every episode has the given door",
+            "mild": "small errors of placement, grasp, sensors; delay, friction, mass",
+            "hard": "larger errors and delays; radius, friction, closer, mass, height",
+            "standard": "a door of a building: handle, swing, hinge side, closer",
+            "detector": "error of the detected handle pose; with --start approach",
+        },
+        "disturbances (during the opening)": {
+            "none": "no disturbance",
+            "push": "a force of up to 15 N pushes the hand for 0.3 s",
+            "person": "a person holds the hand for 2.5 s",
+            "person-behind": "a person's hand blocks the door for 2.5 s",
+            "stop": "a fixed stop blocks the door for 2.5 s",
+            "locked": "the door is locked for the whole episode",
+            "bump": "the robot's base is displaced by up to 10 mm",
+            "breakaway": "stiction and a seal hold the closed door",
+        },
+    }
+
+
+def _policies(kind: str) -> dict[str, str]:
+    kept = {name: POLICIES[name] for name in sorted(POLICIES)}
+    return {
+        name: policy.summary for name, policy in kept.items() if policy.kind == kind
+    }

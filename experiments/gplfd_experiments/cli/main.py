@@ -8,7 +8,6 @@ or files. `gplfd` adds 130 for an interruption.
 import dataclasses
 import importlib.metadata
 import logging
-import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -22,10 +21,9 @@ import tyro
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
-from gplfd_experiments.cli.commands.export import Export
+from gplfd_experiments.cli.commands.export import Export, Serve
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor
 from gplfd_experiments.cli.commands.run import Learn, Run, View
-from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
     Benchmark,
     Figures,
@@ -39,25 +37,23 @@ from gplfd_experiments.console.progress import LOG
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
 
-COMMANDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
-    {
-        "run": Run,
-        "learn": Learn,
-        "export": Export,
-        "serve": Serve,
-        "correct": Correct,
-        "skill": SkillTests,
-        "benchmark": Benchmark,
-        "trials": Trials,
-        "report": Report,
-        "figures": Figures,
-        "demos": Demos,
-        "doors": Doors,
-        "view": View,
-        "list": Catalogue,
-        "doctor": Doctor,
-    }
-)
+COMMANDS: Final[Mapping[str, type[Any]]] = {
+    "run": Run,
+    "learn": Learn,
+    "export": Export,
+    "serve": Serve,
+    "correct": Correct,
+    "skill": SkillTests,
+    "benchmark": Benchmark,
+    "trials": Trials,
+    "report": Report,
+    "figures": Figures,
+    "demos": Demos,
+    "doors": Doors,
+    "view": View,
+    "list": Catalogue,
+    "doctor": Doctor,
+}
 """The subcommands by name. Their fields are the options, and their docstrings the help.
 `execute` does the work and returns the exit status; bad input raises a ValueError,
 OSError or ModuleNotFoundError."""
@@ -87,12 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "warning: %s", " ".join(str(message).split())
             )
             command = _parse(words, COMMANDS)
-            # Before NumPy is loaded, unless the user sets it. The policies' matrices
-            # have about a hundred rows: with several threads they take ten times as
-            # long.
-            for library in ("OPENBLAS_NUM", "OMP_NUM", "MKL_NUM", "VECLIB_MAXIMUM"):
-                os.environ.setdefault(f"{library}_THREADS", "1")
-            if not isinstance(command, Doctor):  # which tries every way to draw
+            if not isinstance(command, Doctor):  # which reports what is missing
                 from gplfd_env.conventions.opengl import choose_opengl
 
                 choose_opengl()

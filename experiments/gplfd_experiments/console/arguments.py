@@ -43,9 +43,6 @@ def check_folder(folder: Path) -> None:
         raise ValueError(f"--out {folder} is a file; give a folder")
     above = (folder.absolute(), *folder.absolute().parents)
     nearest = next(path for path in above if path.exists())
-    reason = "" if os.access(nearest, os.W_OK) else "is not writable"
-    if not nearest.is_dir():
-        reason = "is a file"
-    if reason:
-        message = f"{reason}, so {folder} cannot be created"
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
+        message = f"is no writable folder, so {folder} cannot be created"
         raise OSError(errno.EACCES, message, str(nearest))

@@ -1,10 +1,7 @@
 """Progress on stderr, and the logger of messages; only warnings if quiet."""
 
 import logging
-import math
 import sys
-import threading
-import time
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -25,27 +22,14 @@ def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[An
 
 
 def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
-    """Log how much of a long work is done, and return a bar for the rest.
-
-    Its clock moves although nothing ends: every second, or every ten seconds if stderr
-    is not a terminal.
-    """
+    """Log how much of a long work is done, and return a bar for the rest."""
     LOG.info("%d %ss, %d of them done already", total, unit, done)
-    bar = tqdm(
+    return tqdm(
         total=total,
         initial=done,
         unit=unit,
-        # Results come by the dozen: an estimate from the first would be far too long.
-        mininterval=math.inf,
+        mininterval=1.0 if sys.stderr.isatty() else 10.0,
         # Times differ by policy, so the mean is used.
         smoothing=0.0,
         disable=not LOG.isEnabledFor(logging.INFO),
     )
-
-    def draw() -> None:
-        while not bar.disable:
-            bar.refresh()
-            time.sleep(1.0 if sys.stderr.isatty() else 10.0)
-
-    threading.Thread(target=draw, daemon=True).start()
-    return bar

@@ -23,17 +23,12 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.data.teacher.handle_motion import with_reaches
+from gplfd_experiments.episodes.leading import Practice, corrected
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.practice import Practice, practised
 from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent, batch_agents
-from gplfd_policies.agents.reaching import (
-    ReachingAgent,
-    learn_reach,
-    openings,
-    reaches,
-)
+from gplfd_policies.agents.reaching import ReachingAgent, learn_reach, openings, reaches
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.catalogue import place_in_source
@@ -129,13 +124,34 @@ def _practised(
     method, practice = policy.method, Practice(**(task.practice or {}))
     if method is None:
         raise ValueError(f"policy {task.policy!r} learns no movement to be corrected")
-
-    def open_door(name: str, door: DoorConfig, agent: Agent) -> EpisodeLog:
-        draws = {"randomization": practice.randomization, "disturbance": "none"}
-        other: dict[str, Any] = {"door": name, "door_config": door.as_dict(), **draws}
-        return open_watched(dataclasses.replace(task, **other), agent)
-
-    movement = practised(method, training, practice, open_door)
+    movement, number, taken, seconds = method.learn(training), 0, True, 0.0
+    draws: Any = {"randomization": practice.randomization, "disturbance": "none"}
+    doors: list[DoorConfig] = []
+    while taken and len(doors) < practice.corrections:
+        taken = False
+        for fields in practice.doors:
+            number += 1
+            name, seed = f"practice {number}", 1000 * training.seed + number
+            config = DoorConfig(**fields).as_dict()
+            other = dataclasses.replace(task, door=name, door_config=config, **draws)
+            opened = functools.partial(open_watched, other)
+            log, correction = corrected(method.follow(movement), seed, name, opened)
+            if correction is not None:
+                movement, taken = method.update(movement, correction), True
+                seconds += correction.seconds
+                doors.append(log.config)
+            if len(doors) == practice.corrections:
+                break
+    if practice.demonstrated:
+        teacher = Teacher(forces=ForceConfig())
+        demonstrations = list(training.demonstrations)
+        rngs = np.random.default_rng(training.seed).spawn(len(doors))
+        for door, rng in zip(doors, rngs, strict=True):
+            if seconds > 0.0:
+                demonstrations.append(teacher.demonstrate(door, rng))
+                seconds -= float(np.ptp(demonstrations[-1].times))
+        again = dataclasses.replace(training, demonstrations=demonstrations)
+        movement = method.learn(again)
     return lambda: method.follow(movement)
 
 
@@ -170,9 +186,7 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
 
 
 def open_together(
-    tasks: Sequence[EpisodeTask],
-    agents: Sequence[Agent],
-    **options: Any,
+    tasks: Sequence[EpisodeTask], agents: Sequence[Agent], **options: Any
 ) -> tuple[EpisodeLog, ...]:
     """Open the doors of tasks of one policy, robot, base and start in lockstep.
 

@@ -1,11 +1,13 @@
 """A leader moves the robot's hand while its policy acts; the motion is recorded.
 
-`LedAgent` combines an agent with a `Leader`: the synthetic corrector, or a person.
+`LedAgent` combines an agent with a `Leader`: the synthetic corrector, or a person. In
+practice, a policy opens doors while the synthetic corrector watches it.
 """
 
 import math
-from dataclasses import replace
-from typing import Final, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_experiments.data.teacher.handle_motion import Press, handle_angles
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
@@ -22,28 +25,23 @@ from gplfd_policies.movements.movement import GaussianTrajectory
 
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
 """Door angles of the true path with which a command is compared [rad]."""
-_SERVO: Final = 2000.0
-"""Stiffness of the arm under pose commands [N/m]."""
+_SERVO: Final = 2000.0  # Stiffness of the arm under pose commands [N/m].
 _DEVIATION: Final = 0.02
 """Distance of the command from the path at which the corrector takes the hand, and from
 the leading command below which it hands over [m]: 40 N, at which a grasp slips."""
 _STALL_TIME: Final = 3.0
 """Time without `_PROGRESS` after which the corrector takes the hand [s]."""
-_PROGRESS: Final = math.radians(2.0)
-"""Opening that counts as progress [rad]."""
+_PROGRESS: Final = math.radians(2.0)  # Opening that counts as progress [rad].
 _GOAL: Final = math.radians(64.0)
 """Largest opening angle to which the hand is led and at which it is held [rad]."""
-_LEAD_TIME: Final = 1.5
-"""Shortest time of leading [s]."""
-_SPEED: Final = 0.25
-"""Speed of the point that pulls the hand along the path [rad/s]."""
+_LEAD_TIME: Final = 1.5  # Shortest time of leading [s].
+_SPEED: Final = 0.25  # Speed of the point that pulls the hand along the path [rad/s].
 BLEND_TIME: Final = 0.4
 """Duration of taking the hand and of handing over [s]."""
 PULLS: Final = (34.0, 58.0)
 """Largest force along the path at a bar, where fingers slip at 37 N, and at a turned
 handle [N]."""
-_PRESS_TIME: Final = 0.8
-"""Duration of turning a handle [s]."""
+_PRESS_TIME: Final = 0.8  # Duration of turning a handle [s].
 _TREMOR: Final = (0.001, math.radians(0.5))
 """Standard deviation per axis of the leading hand [m, rad]."""
 # Correlation time of this tremor, and the longest episode with it [s].
@@ -59,10 +57,7 @@ class Leader(Protocol):
         """Watch an episode at a door, from its beginning."""
 
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
-        """Return the commanded hand pose (6,) [m, rad], or None to let the agent act.
-
-        Observation and step are those of the agent.
-        """
+        """Return the commanded hand pose (6,) [m, rad], or None: the agent acts."""
 
 
 class LedAgent:
@@ -196,3 +191,32 @@ class SyntheticCorrector:
         row = min(round(now / CONTROL_PERIOD), len(self._tremor) - 1)
         pose = door.easy_hand_poses(self._point, turn)
         return np.asarray(pose + self._tremor[row])
+
+
+LOST: Final = "grasp_lost"
+"""Episodes with this failure give no correction: the hand lost the handle."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Practice:
+    """Doors opened in turn until N corrections, or a round without a correction."""
+
+    corrections: int
+    """Number N of corrections."""
+    doors: Sequence[Mapping[str, Any]]
+    """The doors of a round, as `DoorConfig.as_dict` gives them."""
+    randomization: str | Mapping[str, Any] = "none"
+    """Randomization of every opening."""
+    demonstrated: bool = False
+    """Whether it learns instead from demonstrations at the corrected doors with forces,
+    as many as were begun in the seconds of the corrections."""
+
+
+def corrected(
+    agent: Agent, seed: int, name: str, open_door: Callable[[Agent], EpisodeLog]
+) -> tuple[EpisodeLog, Correction | None]:
+    """Open a door with the corrector; return the log and the correction."""
+    led = LedAgent(agent, SyntheticCorrector(np.random.default_rng(seed)))
+    log = open_door(led)
+    taken = None if log.failure == LOST else led.correction(door=name, seed=seed)
+    return log, taken

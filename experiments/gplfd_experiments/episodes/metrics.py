@@ -20,17 +20,84 @@ from scipy.signal import savgol_filter
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_env.task.stages import STAGES
-from gplfd_experiments.episodes.forecast_error import PROGRESS, forecast_errors
+from gplfd_env.task.stages import HEAVY_FORCE, STAGES
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
-_MOVED: Final = math.radians(1.0)
-"""Angle from which the door counts as moved [rad]."""
+PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
+"""Door angles at which forecasts are scored, as shares of the demonstrated angle."""
+
+_LATEST: Final = 0.1
+"""Largest delay of a valid forecast, as a share of the demonstrated angle."""
+
+_ARC_POINTS: Final = 100
+
+
+def forecast_errors(
+    log: EpisodeLog, demonstrated_angle: float
+) -> tuple[float | None, ...]:
+    """Return the error of the forecast made at each progress of `PROGRESS`.
+
+    The truth is the handle's arc from its present angle to the demonstrated angle, even
+    if the episode ended before. The error is the rms distance of points on this arc
+    from the path of the forecast's mean; timing is ignored.
+    """
+    shares = [progress * demonstrated_angle for progress in PROGRESS]
+    return tuple(_error(log, angle, demonstrated_angle) for angle in shares)
+
+
+def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | None:
+    reached = log.opening.door_angle >= angle
+    if not reached.any():
+        return None
+    # Half a microsecond of tolerance, because both times are sums of steps.
+    asked = log.forecasts.times >= log.times[np.argmax(reached)] - 5e-7
+    if not asked.any():
+        return None
+    forecast = int(np.argmax(asked))
+    start = float(
+        np.interp(log.forecasts.times[forecast], log.times, log.opening.door_angle)
+    )
+    if start >= min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
+        return None
+    rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
+    squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
+    return math.sqrt(float(squared.mean()))
+
+
+def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
+    """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
+
+    The arc is rotated and shifted to the logged handle: the robot may be misplaced.
+    """
+    door = DoorGeometry.of(log.config)
+    logged = _plane(door.hand_poses(log.opening.door_angle, log.opening.handle_angle))
+    seen = _plane(log.opening.handle_pose[:, :3])
+    turn = np.vdot(logged - logged[0], seen - seen[0])
+    placed = seen[0] + turn / abs(turn) * (_plane(door.hand_poses(angles)) - logged[0])
+    height = np.full(angles.shape, log.opening.handle_pose[0, 1])
+    return np.stack([placed.real, height, placed.imag], axis=1)
+
+
+def _plane(positions: FloatArray) -> NDArray[np.complex128]:
+    """Positions seen from above, as x + iz."""
+    return positions[:, 0] + 1j * positions[:, 2]
+
+
+def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
+    """Return squared distances of points (N, 3) from a path with corners (M, 3)."""
+    start, step = path[:-1], np.diff(path, axis=0)
+    length = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+    offset = points[:, None] - start
+    share = np.clip((offset * step).sum(axis=2) / length, 0.0, 1.0)
+    gap = offset - share[..., None] * step
+    return np.asarray((gap**2).sum(axis=2).min(axis=1))
+
+
+_MOVED: Final = math.radians(1.0)  # Angle from which the door counts as moved [rad].
 _SMOOTHING_TIME: Final = 0.2
 """Window of the local polynomials for jerk and acceleration [s]."""
-_SUSTAINED: Final = 0.5
-"""A force of this duration counts as sustained [s]."""
+_SUSTAINED: Final = 0.5  # A force of this duration counts as sustained [s].
 _RECOVERED: Final = math.radians(5.0)
 """Further opening after a disturbance that counts as recovery [rad]."""
 _AFTER: Final = 1.0
@@ -55,7 +122,8 @@ def episode_metrics(
     angle, stage = opening.door_angle, int(opening.capability[-1])
     rows = opening_motion(log)
     errors = prediction_errors(log)[rows]
-    stiffness = _known_rows(agent.stiffness)
+    stiffness = _known_rows(agent.stiffness)[:, :3]
+    stiff = bool(np.isfinite(stiffness).all())
     margin = _known_rows(agent.stability_margin)
     along = {"tangential": forces.force_tangential, "radial": forces.force_radial}
     acceleration, peak, smoothness = door_acceleration(angle, log.dt), None, None
@@ -63,11 +131,14 @@ def episode_metrics(
         peak = _largest(np.abs(acceleration))
         if acceleration.any():
             smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
+    # Where the bound on dk/dt limits a direction, the rate is within 0.2 % of it.
+    used = share_of_bound(log)
+    used = used[np.isfinite(used).all(axis=1)]
+    governed = float(np.mean((used >= 0.998).any(axis=1))) if used.size else None
     names = ("policy", "door", "radius", "seed", "success", "failure", "reason")
     return {
         **{name: getattr(log, name) for name in names},
-        # Furthest stage: index into `gplfd_env.task.stages.STAGES`, and name.
-        "capability": stage,
+        "capability": stage,  # Index into STAGES of the furthest stage.
         "stage": STAGES[stage],
         "duration": float(log.times[-1] - log.times[0]),
         "final_angle_deg": math.degrees(angle[-1]),
@@ -94,13 +165,13 @@ def episode_metrics(
             log.motion.ee_pose[rows, :3], log.dt
         ),
         # Along the columns of the log's `frame` [N/m].
-        "stiffness_min": _xyz(stiffness.min(axis=0)),
-        "stiffness_max": _xyz(stiffness.max(axis=0)),
+        "stiffness_min": stiffness.min(axis=0).tolist() if stiff else None,
+        "stiffness_max": stiffness.max(axis=0).tolist() if stiff else None,
         # Smallest distance to the stability bound, over translations [N/(m s)] and
         # rotations [N m/(rad s)].
         "stability_margin_translation": _finite(margin[:, :3].min()),
         "stability_margin_rotation": _finite(margin[:, 3:].min()),
-        "governed_share": governed_share(log),
+        "governed_share": governed,
         # Door angles at which forecasts are scored, as shares of the demonstrated
         # angle, and rms distance of the handle's remaining path from the forecast path.
         "forecast_progress": list(PROGRESS),
@@ -118,7 +189,6 @@ def episode_metrics(
         "door_smoothness": smoothness,
         "time_to_move": _first(log, np.abs(angle - angle[0]) >= _MOVED),
         **_disturbed(log),
-        # CPU and wall time of a decision.
         "latency_median_ms": 1e3 * float(np.median(agent.latency_s)),
         "latency_p95_ms": 1e3 * _p95(agent.latency_s),
         "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
@@ -128,7 +198,24 @@ def episode_metrics(
 
 def _disturbed(log: EpisodeLog) -> dict[str, Any]:
     """Return the measures of a person, a stop and a push."""
-    forces, (speed, recovered) = log.forces, recovery(log)
+    forces, angle = log.forces, log.opening.door_angle
+    pushed = np.flatnonzero(forces.push_force > 0)
+    displacement = speed = recovered = None
+    if pushed.size:
+        # Of the hand from the policy's mean, or from its command if it has no mean.
+        agent = log.decisions
+        path = np.where(np.isfinite(agent.desired), agent.desired, agent.action)
+        beside = log.motion.ee_pose - path
+        beside = beside[max(pushed[0] - 1, 0) : pushed[-1] + 2, :3]
+        displacement = 1e3 * float(np.linalg.norm(beside - beside[0], axis=1).max())
+    disturbances = forces.push_force, forces.person_force, forces.stop_force
+    disturbed = np.flatnonzero(np.any(np.stack(disturbances) > 0, axis=0))
+    if disturbed.size and disturbed[-1] + 1 < angle.size:
+        released = int(disturbed[-1]) + 1
+        stop = released + round(_AFTER / log.dt)
+        speed = float(np.abs(np.gradient(angle, log.dt)[released:stop]).max())
+        further = angle[released:] >= angle[released] + _RECOVERED
+        recovered = float(np.argmax(further) * log.dt) if further.any() else None
     return {
         # On a person, and of the door on what stops it [N]: largest, and sustained for
         # half a second. ISO/TS 15066 allows 280 N and 140 N at hands and fingers.
@@ -137,7 +224,10 @@ def _disturbed(log: EpisodeLog) -> dict[str, Any]:
         "person_energy": float(forces.person_energy[-1]),
         "stop_force_peak": _largest(forces.stop_force),
         "stop_force_sustained": sustained(forces.stop_force, log.dt),
-        "push_displacement_mm": push_displacement_mm(log),
+        # Greatest change of the hand's distance from the policy's path under a push.
+        "push_displacement_mm": displacement,
+        # Largest speed of the door in the second after the last disturbance [rad/s],
+        # and time until it was 5 degrees further open.
         "release_speed": speed,
         "recovery_time": recovered,
     }
@@ -196,16 +286,6 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     return share
 
 
-def governed_share(log: EpisodeLog) -> float | None:
-    """Share of the decisions in which the bound on dk/dt limited some direction.
-
-    There the rate is within two thousandths of the bound.
-    """
-    used = share_of_bound(log)
-    used = used[np.isfinite(used).all(axis=1)]
-    return float(np.mean((used >= 0.998).any(axis=1))) if used.size else None
-
-
 def prediction_errors(log: EpisodeLog) -> FloatArray:
     """Squared prediction error per step and output, bias and variance together.
 
@@ -262,40 +342,6 @@ def sustained(force: FloatArray, dt: float) -> float:
     return float(minimum_filter1d(force, window, mode="constant").max())
 
 
-def push_displacement_mm(log: EpisodeLog) -> float | None:
-    """Greatest change of the hand's distance from the policy's path under a push [mm].
-
-    The path is the policy's mean, or its command if it has no mean.
-    """
-    pushed = np.flatnonzero(log.forces.push_force > 0)
-    if pushed.size == 0:
-        return None
-    path = np.where(
-        np.isfinite(log.decisions.desired), log.decisions.desired, log.decisions.action
-    )
-    beside = (log.motion.ee_pose - path)[max(pushed[0] - 1, 0) : pushed[-1] + 2, :3]
-    return 1e3 * float(np.linalg.norm(beside - beside[0], axis=1).max())
-
-
-def recovery(log: EpisodeLog) -> tuple[float | None, float | None]:
-    """Release speed [rad/s] and recovery time [s] after the last disturbance.
-
-    Largest speed of the door in the following second, and time until it was 5 degrees
-    further open. None if no push, person or stop ended, or if it never was.
-    """
-    forces, angle = log.forces, log.opening.door_angle
-    disturbances = forces.push_force, forces.person_force, forces.stop_force
-    disturbed = np.flatnonzero(np.any(np.stack(disturbances) > 0, axis=0))
-    if disturbed.size == 0 or disturbed[-1] + 1 == angle.size:
-        return None, None
-    released = int(disturbed[-1]) + 1
-    stop = released + round(_AFTER / log.dt)
-    speeds = np.gradient(angle, log.dt)[released:stop]
-    further = angle[released:] >= angle[released] + _RECOVERED
-    time = float(np.argmax(further) * log.dt) if further.any() else None
-    return float(np.abs(speeds).max()), time
-
-
 def _first(log: EpisodeLog, holds: NDArray[np.bool_]) -> float | None:
     """Time since reset of the first row in which a condition is true [s]."""
     return float(log.times[np.argmax(holds)]) if holds.any() else None
@@ -327,5 +373,38 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _xyz(values: FloatArray) -> list[float] | None:
-    return values[:3].tolist() if np.isfinite(values[:3]).all() else None
+SHORT: Final[Mapping[str, str]] = {
+    "stalled": "stuck",
+    "latched": "latched",
+    "not_grasped": "not grasped",
+    "grasp_lost": "let go",
+}
+"""Short labels; other failures are named by `failure_name`."""
+
+_WORDS: Final[Mapping[str, str]] = {
+    "grasp_lost": "hand lost the handle",
+    "base_blocked": "base was blocked",
+    "stalled": "door did not move further",
+    "latched": "latch was not released",
+    "not_grasped": "handle was not grasped",
+    "simulation_error": "simulation diverged",
+    "policy_error": "policy raised an error",
+    "time_limit": "time ran out",
+    "blocked": "something blocked the door",
+    "out_of_reach": "an arm joint was at its limit",
+    "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
+}
+"""Plain words for ``failure`` and ``reason`` of an episode."""
+
+
+def failure_name(failure: str, unknown: str) -> str:
+    """Return a failure as text, or another text if the environment gives none."""
+    return failure.replace("_", " ") or unknown
+
+
+def why_closed(failure: str, reason: str) -> str:
+    """Return in plain words why a door was not opened; "" if it was."""
+    words = _WORDS.get(failure, failure.replace("_", " "))
+    # Without a separate cause, the reason repeats the failure.
+    cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
+    return f"{words}: {cause}" if cause else words

@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_experiments.episodes.log import (
     PER_STEP,
@@ -54,7 +55,7 @@ def rollout(
             the door [rad].
 
     Raises:
-        ValueError: The agent returns no pose, or the environment's info lacks an entry.
+        ValueError: The agent returns no pose.
     """
     agent = as_agent(agent)
     inner: Any = env.unwrapped
@@ -79,17 +80,9 @@ def rollout(
         if on_step is not None:
             on_step(now, float(info["door_angle"]))
         if ended:
-            return _log(
-                _stacked(rows),
-                forecasts.forecasts(),
-                info["failure"],
-                info["reason"],
-                truncated=truncated,
-                policy=policy,
-                door=door,
-                door_config=inner.door.as_dict(),
-                seed=seed,
-            )
+            names = {"policy": policy, "door": door, "seed": seed}
+            arrays = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
+            return _log(arrays, forecasts, info, inner.door, truncated, **names)
         observation, _, terminated, truncated, info = env.step(
             decision.command(agent.control)
         )
@@ -108,29 +101,17 @@ def rollouts(
 ) -> tuple[EpisodeLog, ...]:
     """Let every agent open its door once, and log each episode as `rollout` does.
 
+    The N simulations have ``autoreset_mode="Disabled"``. Without a period [s] there are
+    no forecasts. `before_step` is called before the first reset and every decision.
     ``latency_s`` and ``latency_wall_s`` are each agent's share of the batch's decision.
 
-    Args:
-        envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
-        agents: Their N agents.
-        policy: Name of the policy, for the logs.
-        doors: Names of the N doors, for the logs.
-        seeds: Seeds of the N simulations' resets.
-        forecast_period: Simulated time between forecasts [s]; None for none.
-        before_step: Called before the first reset and before every decision.
-
     Raises:
-        ValueError: The simulations reset automatically, or N differs.
+        ValueError: The simulations reset automatically.
     """
     if envs.autoreset_mode.value != "Disabled":
         raise ValueError(
             "lockstep rollouts need simulations that stand still when they end: make "
             'them with autoreset_mode="Disabled"'
-        )
-    if not len(doors) == len(seeds) == envs.num_envs:
-        raise ValueError(
-            f"{envs.num_envs} simulations need as many doors and seeds, got "
-            f"{len(doors)} and {len(seeds)}"
         )
     before_step()
     observations, infos = envs.reset(seed=list(seeds))
@@ -168,17 +149,16 @@ def rollouts(
             decided.command(agents.control)
         )
         ended = terminated | truncated
-    together = _stacked(rows)
+    together = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
     return tuple(
         _log(
             {name: array[: lengths[row], row] for name, array in together.items()},
-            forecasts[row].forecasts(),
-            infos["failure"][row],
-            infos["reason"][row],
-            truncated=bool(truncated[row]),
+            forecasts[row],
+            {name: infos[name][row] for name in ("failure", "reason")},
+            envs.variations[row].door,
+            bool(truncated[row]),
             policy=policy,
             door=door,
-            door_config=envs.variations[row].door.as_dict(),
             seed=seed,
         )
         for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))
@@ -192,53 +172,40 @@ def _row(
     measured: Mapping[str, Any],
 ) -> Arrays:
     """Return copies of all quantities of a control step, of one episode or of N."""
-    values, row = {**info, **observation, **measured}, {}
-    for name in ("times", *PER_STEP):
-        if name not in values and not hasattr(step, name):
-            raise ValueError(
-                f"the environment's info lacks {name!r}; it has {sorted(info)}"
-            )
-        row[name] = np.copy(values[name] if name in values else getattr(step, name))
-    return row
-
-
-def _stacked(rows: Sequence[Arrays]) -> Arrays:
-    return {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
+    values = {**info, **observation, **measured}
+    return {
+        name: np.copy(values[name] if name in values else getattr(step, name))
+        for name in ("times", *PER_STEP)
+    }
 
 
 class ForecastRecorder:
-    """Takes a forecast before the first decision and then at every period [s], if any.
-
-    `ask` returns the agent's forecast, or None.
-    """
+    """Takes a forecast before the first decision and at every period [s], if any."""
 
     def __init__(
         self, ask: Callable[[], GaussianTrajectory | None], period: float | None
     ) -> None:
         self._ask, self._period = ask, period
-        self._times: list[float] = []
-        self._phases: NDArray[np.float64] = np.empty(0)
-        self._moments: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._taken: list[tuple[Any, ...]] = []
 
     def take_if_due(self, now: float, *, force: bool) -> None:
         """Take a forecast if one is due at the simulated time `now` [s], or forced."""
         if self._period is None:
             return
         # Half a microsecond of tolerance, because times are rounded sums of steps.
-        due = not self._times or now >= self._times[-1] + self._period - 5e-7
+        due = not self._taken or now >= self._taken[-1][0] + self._period - 5e-7
         if (due or force) and (forecast := self._ask()) is not None:
             # Not the trajectory, because it refers to its input, up to 1 MB.
-            self._times.append(now)
-            self._phases = forecast.times
-            self._moments.append((forecast.mean, forecast.std))
+            self._taken.append((now, forecast.mean, forecast.std, forecast.times))
 
     def forecasts(self) -> Forecasts:
         """Return the forecasts so far."""
-        means, stds = zip(*self._moments, strict=True) if self._moments else ((), ())
-        shape = (len(means), self._phases.size, 6)
+        taken = zip(*self._taken, strict=True) if self._taken else ((), (), (), ((),))
+        times, means, stds, (*_, phases) = taken
+        shape = (len(means), len(phases), 6)
         return Forecasts(
-            times=np.array(self._times),
-            phases=self._phases,
+            times=np.array(times),
+            phases=np.array(phases),
             mean=np.reshape(means, shape),
             std=np.reshape(stds, shape),
         )
@@ -254,19 +221,20 @@ def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
 
 def _log(
     arrays: Arrays,
-    forecasts: Forecasts,
-    failure: str,
-    reason: str,
-    *,
+    recorder: ForecastRecorder,
+    info: Mapping[str, Any],
+    door_config: DoorConfig,
     truncated: bool,
     **names: Any,
 ) -> EpisodeLog:
     """Return the log of an episode from its arrays and how it ended."""
     success = bool(arrays["solved"][-1])
+    failure, reason = info["failure"], info["reason"]
     if truncated and not failure and not success:
         failure = reason = "time_limit"
     return EpisodeLog(
         **names,
+        door_config=door_config.as_dict(),
         dt=float(np.median(np.diff(arrays["times"]))),
         success=success,
         failure=str(failure),
@@ -276,5 +244,5 @@ def _log(
         opening=Opening.of(arrays),
         forces=Forces.of(arrays),
         decisions=Decisions.of(arrays),
-        forecasts=forecasts,
+        forecasts=recorder.forecasts(),
     )

@@ -126,9 +126,8 @@ class EpisodeTask(TaughtTask):
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
     """`DoorConfig.kind` of these doors; None for furniture doors with a bar."""
     demonstrated_hardware: Sequence[Mapping[str, Any]] = omit_default(())
-    """For each of these doors, the fields of its `DoorConfig` that differ from the
-    default, such as the closer, or from `demonstrated_kind`, such as the swing of doors
-    that are demonstrated without a label; () for none."""
+    """For each of these doors, fields of `DoorConfig` that differ from the default and
+    from `demonstrated_kind`; () for none."""
     base: Base = omit_default("fixed")
     robot: str = omit_default("tiago-like")
     """Name of a robot, or path of the URDF of an arm."""
@@ -139,8 +138,7 @@ class EpisodeTask(TaughtTask):
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     practice: Mapping[str, Any] | None = omit_default(None)
-    """`gplfd_experiments.episodes.practice.Practice` between learning and this episode,
-    as plain data; None for none."""
+    """`gplfd_experiments.episodes.leading.Practice` before this episode, or None."""
     trial: str = omit_default("")
     """Name of the trial that it belongs to; "" for none."""
     level: str = omit_default("")
@@ -150,12 +148,6 @@ class EpisodeTask(TaughtTask):
         # A file contains a list.
         for name in ("demonstrated_radii", "demonstrated_hardware"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        doors, entries = len(self.demonstrated_radii), len(self.demonstrated_hardware)
-        if entries not in (0, doors):
-            raise ValueError(
-                f"demonstrated_hardware must have an entry for each of the {doors} "
-                f"demonstrated doors, or none; got {entries}"
-            )
 
     @property
     def training_key(self) -> str:
@@ -199,8 +191,7 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """Return the task to open a door with the robot and the demonstrations it needs.
 
     Unless other fields are given, the base is mobile if a fixed base does not reach,
-    and three doors of the same kind (handle, latch, swing, hinge side) are
-    demonstrated.
+    and three doors of the same kind are demonstrated.
     """
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields

@@ -1,6 +1,8 @@
 """Folders that are complete or absent, and folders of one process at a time."""
 
 import contextlib
+import hashlib
+import re
 import sqlite3
 import tempfile
 from collections.abc import Iterator
@@ -29,27 +31,13 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     replaced = target.exists()
     with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
-        root = Path(temporary)
-        written = root / target.name
-        try:
-            yield written
-        except OSError as error:
-            # The error of a full disk has no path, and the temporary one is not
-            # informative.
-            file = error.filename
-            if error.errno is not None and (file is None or str(root) in str(file)):
-                error.filename = str(path)
-            raise
-        if target.exists() and not replaced:
-            raise ValueError(f"{path} was made meanwhile; give another folder")
-        if replaced:
-            target.rename(root / "replaced")
-        try:
-            written.rename(target)
-        except OSError:
-            if (root / "replaced").exists():
-                (root / "replaced").rename(target)
-            raise
+        written = Path(temporary, target.name)
+        yield written
+        if target.exists():
+            if not replaced:
+                raise ValueError(f"{path} was made meanwhile; give another folder")
+            target.rename(Path(temporary, "replaced"))
+        written.rename(target)
 
 
 @contextlib.contextmanager
@@ -82,3 +70,15 @@ def folder_in_use(folder: Path) -> Iterator[Path]:
             (path / ".in-use").unlink()
             for part in made:
                 part.rmdir()
+
+
+def file_name(text: str) -> str:
+    """Return a name for a file or folder, different for every text.
+
+    Letters, digits, "_" and "-" are unchanged.
+    """
+    safe = re.sub(r"[^\w-]+", "_", text, flags=re.ASCII)[:60]
+    if safe == text:
+        return text
+    # Different texts may otherwise become equal.
+    return f"{safe}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"

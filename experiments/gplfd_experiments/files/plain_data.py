@@ -26,49 +26,29 @@ _KINDS: Final[Mapping[Any, str]] = {
 }
 
 
-class NewerFormatError(ValueError):
-    """A file was written by a later version of this package."""
-
-
 def stamp(kind: str, version: int) -> dict[str, Any]:
     """Return the entries that state the kind of a file, as in archives of arrays."""
     return {"format": kind, "format_version": version}
 
 
 def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> None:
-    """Check that the entries are of a kind of file, in a version up to the given one.
-
-    Raises NewerFormatError for a later version, and ValueError for another kind or
-    without a version.
-    """
+    """Raise ValueError for entries of another kind of file or of a later version."""
     if (stated := entry(entries, "format", str)) != kind:
         raise ValueError(f"it holds {stated:.{_SHOWN}}, not {kind}")
     if (later := entry(entries, "format_version", int)) > version:
-        raise NewerFormatError(
+        raise ValueError(
             f"it has version {later} of {kind}, and this program reads up to "
             f"version {version}; use the gplfd that wrote it, or a later one"
         )
 
 
-def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
-    """Raise NewerFormatError if a later version wrote the file to be replaced."""
-    try:
-        read(path)
-    except NewerFormatError:
-        raise
-    except (OSError, ValueError):
-        pass
-
-
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the name of a file before a `ValueError` or `NewerFormatError` of a block."""
+    """Put the name of a file before a ValueError of a block."""
     try:
         yield
     except ValueError as error:
-        newer = isinstance(error, NewerFormatError)
-        kind = NewerFormatError if newer else ValueError
-        raise kind(f"{path}: {error}") from error
+        raise ValueError(f"{path}: {error}") from error
 
 
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
@@ -112,10 +92,7 @@ def parsed_json(text: str) -> dict[str, Any]:
     def no_number(name: str) -> float:
         raise ValueError(f"it holds {name}, which is no number of JSON")
 
-    try:
-        values = json.loads(text, parse_constant=no_number)
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+    values = json.loads(text, parse_constant=no_number)
     if not isinstance(values, dict):
         raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
     return values
@@ -160,13 +137,10 @@ def _as(value: Any, kind: Any) -> Any:
 
 def _described(kind: Any) -> str:
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
-    if origin is types.UnionType:
+    if origin in (types.UnionType, typing.Literal):
         return " or ".join(map(_described, inner))
-    if origin is typing.Literal:
-        return " or ".join(map(repr, inner))
     if origin in (tuple, Sequence):
         return f"a list in [brackets], each of it {_described(inner[0])}"
     if origin in (dict, Mapping):
-        parts = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
-        return f"an object in {{braces}}{parts}"
-    return _KINDS[kind]
+        return "an object in {braces}"
+    return _KINDS.get(kind, repr(kind))

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -48,16 +47,13 @@ def content_hash(path: Path) -> str:
 
 @functools.cache
 def code_state() -> Mapping[str, Any]:
-    """Code of this process: package ``versions``, ``git`` state and ``arithmetic``.
-
-    Determined once, because later edits or commits are not the loaded code.
-    """
+    """Code of this process, when first asked: ``versions``, ``git``, ``arithmetic``."""
     state = {
         "versions": dict(versions()),
         "git": git_state(Path(__file__).resolve().parents[3]),
         "arithmetic": dict(arithmetic()),
     }
-    return MappingProxyType(state)
+    return state
 
 
 @functools.cache
@@ -67,7 +63,7 @@ def versions() -> Mapping[str, str]:
     for name in PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             installed[name] = importlib.metadata.version(name)
-    return MappingProxyType(installed)
+    return installed
 
 
 @functools.cache
@@ -77,10 +73,6 @@ def arithmetic() -> Mapping[str, str]:
     MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
     their code by the processor, and round differently; see docs/reproducibility.md.
     """
-
-    def digest(values: Any) -> str:
-        return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
-
     # Libraries are visible after they are loaded, and SciPy has its own.
     importlib.import_module("scipy.linalg")
     kernels = {
@@ -91,38 +83,35 @@ def arithmetic() -> Mapping[str, str]:
     numbers = np.linspace(-3.0, 3.0, 1001)
     alone = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
     together = [np.sin(numbers), np.cos(numbers), np.exp(numbers), np.arctan(numbers)]
+    values = np.concatenate([np.ravel(alone), np.ravel(together)])
     properties = {
         "system": platform.system(),
         "machine": platform.machine(),
         "C library": " ".join(platform.libc_ver()).strip(),
-        "elementary functions": digest(alone),
-        "vector functions": digest(together),
+        "functions": hashlib.sha256(values.tobytes()).hexdigest()[:16],
         "linear algebra": ", ".join(sorted(kernels)),
     }
-    return MappingProxyType(properties)
+    return properties
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """``commit`` (None before the first) and ``dirty``: whether tracked files differ.
+    """``commit`` and ``dirty``: whether tracked files differ from it.
 
     None where ``folder`` is no root of a checkout, as in an installed package, and
     where git is missing, slow or refuses.
     """
     if not (folder / ".git").exists():
         return None
-
-    def git(*arguments: str, check: bool) -> str:
-        return subprocess.run(
-            ["git", "-C", str(folder), *arguments],
+    words = ("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    try:
+        described = subprocess.run(
+            ["git", "-C", str(folder), *words],
             capture_output=True,
             text=True,
             timeout=_GIT_TIMEOUT,
-            check=check,
+            check=True,
         ).stdout.strip()
-
-    try:
-        status = git("status", "--porcelain", "--untracked-files=no", check=True)
-        commit = git("rev-parse", "--verify", "--quiet", "HEAD", check=False)
     except (OSError, subprocess.SubprocessError):
         return None
-    return {"commit": commit or None, "dirty": bool(status)}
+    commit = described.removesuffix("-dirty")
+    return {"commit": commit, "dirty": commit != described}

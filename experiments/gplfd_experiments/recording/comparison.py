@@ -17,8 +17,8 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
-from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import SHORT, failure_name
 from gplfd_experiments.recording import colours, motion, parts, scene
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.episode import check_model

@@ -71,14 +71,10 @@ class Engine:
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
         """Yield each item with its result, in the order in which they finish.
 
-        The death of a worker may end what runs beside it. These items are run again,
+        The work is called once per item, possibly in another process, and never raises.
+        The death of a worker may end what runs beside it: these items are run again,
         one at a time, so that only the item whose worker dies again is lost. Closing
-        the generator ends running items. An OSError says that the scheduler of the
-        cluster does not answer.
-
-        Args:
-            work: Called once per item, possibly in another process; never raises.
-            items: Small records.
+        the generator ends running items. OSError: the cluster does not answer.
         """
         if self.engine == "serial":
             for item in items:

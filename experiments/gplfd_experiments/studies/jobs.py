@@ -2,10 +2,10 @@
 
 import errno
 import math
-import os
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 from gplfd_experiments.episodes.build import (
@@ -18,17 +18,19 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.provenance import code_state
-from gplfd_experiments.studies.apart import (
-    LEARNING_LIMIT,
-    STEP_LIMIT,
-    ProcessEndedError,
-    call_apart,
-)
 from gplfd_experiments.studies.learning_tests.scores import (
     method_metrics,
     recorded_metrics,
 )
-from gplfd_experiments.studies.sources import NO_FILES, Files, policy_of
+from gplfd_experiments.studies.sources import (
+    LEARNING_LIMIT,
+    NO_FILES,
+    STEP_LIMIT,
+    Files,
+    ProcessEndedError,
+    call_apart,
+    policy_of,
+)
 from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
 from gplfd_policies.agents.agent import Agent
@@ -49,14 +51,13 @@ def run_job(
 ) -> list[Result]:
     """Return a result per task of one policy; an error in a task is its result.
 
-    A user's policy runs in a process of its own. BLAS runs on one thread, so that sums
-    have the same order everywhere. The files contain policies that this machine may
-    lack; the recordings are for `RecordedTask`s.
+    A user's policy runs in a process of its own. The files contain policies that this
+    machine may lack; the recordings are for `RecordedTask`s.
     """
     if job[0].policy_source is None:
         return _run(job, files, recordings)
     try:
-        policy = job[0].policy, repr(job[0].policy_source), os.getcwd()
+        policy = job[0].policy, Path.cwd(), repr(job[0].policy_source)
         results: list[Result] = call_apart(policy, _run, job, dict(files), recordings)
         return results
     except ProcessEndedError as error:
@@ -73,47 +74,57 @@ def _run(
     allow: Callable[[float], None] = lambda seconds: None,
 ) -> list[Result]:
     """Run a job in this process, with time limits of its learnings and steps."""
-    # Any exception of the policy is a result of the study, and must not end the tasks
-    # of other policies. In the process of a user's policy, no interruption is the
-    # user's.
+    # In the process of a user's policy, an interruption is the policy's, too.
     errors = (Exception, SystemExit) if job[0].policy_source is None else BaseException
     policy: Policy | None = None
     try:
         policy = policy_of(job[0], files)
         if not isinstance(job[0], EpisodeTask):
-            return [_learning_result(job[0], policy, recordings)]
+            metrics = _learning_metrics(job[0], policy, recordings)
+            return [{**_origin(job[0]), "metrics": _plain(metrics)}]
     except errors as error:
         return [_error_result(task, error, policy) for task in job]
     episodes = [task for task in job if isinstance(task, EpisodeTask)]
     results: dict[str, Result] = {}
     make: dict[str, Callable[[], Agent]] = {}
-    trainings: dict[str, list[EpisodeTask]] = {}
+    unable: dict[str, BaseException] = {}
     for task in episodes:
-        trainings.setdefault(task.training_key, []).append(task)
-    for training, tasks in trainings.items():
-        allow(LEARNING_LIMIT)
-        try:
-            make[training] = learned_agents(tasks[0], policy)
-        except errors as error:
-            for task in tasks:
-                results[task.key] = _error_result(task, error, policy)
-    able = [task for task in episodes if task.training_key in make]
+        key = task.training_key
+        if key not in make and key not in unable:
+            allow(LEARNING_LIMIT)
+            try:
+                make[key] = learned_agents(task, policy)
+            except errors as error:
+                unable[key] = error
+        if key in unable:
+            results[task.key] = _error_result(task, unable[key], policy)
 
-    def opened(tasks: Sequence[EpisodeTask]) -> list[Result]:
+    def open_doors(tasks: Sequence[EpisodeTask]) -> None:
         """Open doors in lockstep, or one by one if the policy fails at one."""
         allow(LEARNING_LIMIT)
         try:
-            agents = [make[task.training_key]() for task in tasks]
-            return _episode_results(tasks, agents, partial(allow, STEP_LIMIT))
+            logs = open_together(
+                tasks,
+                [make[task.training_key]() for task in tasks],
+                forecast_period=FORECAST_PERIOD,
+                before_step=partial(allow, STEP_LIMIT),
+            )
+            for task, log in zip(tasks, logs, strict=True):
+                angle = task.teacher["angle_mean"]
+                results[task.key] = {
+                    **_origin(task),
+                    "demonstrations": demonstrations_hash(task),
+                    "metrics": _plain(episode_metrics(log, demonstrated_angle=angle)),
+                }
         except errors as error:
             if len(tasks) == 1:
-                return [_error_result(tasks[0], error, policy)]
-        return [result for task in tasks for result in opened([task])]
+                results[tasks[0].key] = _error_result(tasks[0], error, policy)
+                return
+            for task in tasks:
+                open_doors([task])
 
-    results |= {
-        task.key: result
-        for task, result in zip(able, opened(able) if able else (), strict=True)
-    }
+    if able := [task for task in episodes if task.training_key in make]:
+        open_doors(able)
     return [results[task.key] for task in episodes]
 
 
@@ -133,21 +144,19 @@ def episode_log(task: EpisodeTask) -> EpisodeLog:
     return log
 
 
-def _learning_result(
+def _learning_metrics(
     task: Task, policy: Policy, recordings: Sequence[Demonstration]
-) -> Result:
+) -> Mapping[str, Any]:
     method = policy.method
     if method is None:
         raise ValueError(
             f"policy {task.policy!r} learns no movement, so there is nothing to measure"
         )
-    if isinstance(task, SkillTask):
-        taught = ("demonstrations_per_door", "teacher", "demonstrated_forces")
-        names = ("seed", *taught, "held_out")
-        metrics = method_metrics(method, **{n: getattr(task, n) for n in names})
-    else:
-        metrics = recorded_metrics(method, recordings, task.seed)
-    return {**_origin(task), "metrics": _plain(metrics)}
+    if not isinstance(task, SkillTask):
+        return recorded_metrics(method, recordings, task.seed)
+    taught = ("demonstrations_per_door", "teacher", "demonstrated_forces")
+    names = ("seed", *taught, "held_out")
+    return method_metrics(method, **{n: getattr(task, n) for n in names})
 
 
 def _origin(task: Task) -> Result:
@@ -162,24 +171,7 @@ def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Re
     full = isinstance(error, OSError) and error.errno in _EXHAUSTED
     # An error of a worker without the policy or memory is no result of the policy.
     lost = policy is None or full or isinstance(error, MemoryError)
-    return failed(task, reason, traceback.format_exc(), lost=lost)
-
-
-def _episode_results(
-    tasks: Sequence[EpisodeTask],
-    agents: Sequence[Agent],
-    before_step: Callable[[], None],
-) -> list[Result]:
-    logs = open_together(
-        tasks, agents, forecast_period=FORECAST_PERIOD, before_step=before_step
-    )
-    results = []
-    for task, log in zip(tasks, logs, strict=True):
-        angle = task.teacher["angle_mean"]
-        metrics = _plain(episode_metrics(log, demonstrated_angle=angle))
-        demonstrations = {"demonstrations": demonstrations_hash(task)}
-        results.append({**_origin(task), **demonstrations, "metrics": metrics})
-    return results
+    return failed(task, reason, "".join(traceback.format_exception(error)), lost=lost)
 
 
 def _plain(value: Any) -> Any:

@@ -72,7 +72,12 @@ def run_or_resume(
     for result in stored.failed:
         first.setdefault(result["task"]["policy"], result)
     for result in first.values():
-        LOG.error("%s: %s", _title(result["task"]), result["error"])
+        task = result["task"]
+        what = task.get("door") or f"{task.get('held_out')} left out"
+        what = f"{what}, seed {task['seed']}"
+        if task["kind"] == "recorded":
+            what = f"recording {task['seed']} left out"
+        LOG.error("%s, %s: %s", task["policy"], what, result["error"])
         LOG.debug("%s", result.get("traceback") or "no traceback")
     return errors + missing
 
@@ -109,11 +114,3 @@ def run_study(
                     write_json(result_path(folder, task), result)
                     yield result
         jobs = tuple(alone)
-
-
-def _title(task: Mapping[str, Any]) -> str:
-    """Return the title of a task in messages, from its definition."""
-    if task["kind"] == "recorded":
-        return f"{task['policy']}, recording {task['seed']} left out"
-    what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"
-    return f"{task['policy']}, {what}, seed {task['seed']}"

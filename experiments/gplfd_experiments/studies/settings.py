@@ -9,7 +9,6 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Literal
 
 TABLE_1_NAME: Final = "table-1"
@@ -42,34 +41,30 @@ class StudySettings:
     """Number of seeds: 0, 1, ... Each seed has its own demonstrations."""
 
     demonstrations_per_door: tuple[int, ...] = (2,)
-    """Numbers of demonstrations by the synthetic human on each of the three
-    demonstrated doors."""
+    """Demonstrations by the synthetic human on each of three doors."""
 
     teacher_noise: tuple[float, ...] = (1.0,)
     """Noise levels of the synthetic human: multiples of its standard variation in
     motion, grasp offset, drift and sensor noise."""
 
     demonstrated_forces: bool = False
-    """Demonstrations of the synthetic human include forces and moments of the hand."""
+    """These demonstrations include forces and moments of the hand."""
 
     randomizations: tuple[str, ...] = ("none",)
-    """Quantities that are drawn at random for each episode: none, mild, hard, standard,
-    or detector (with start approach); see `gplfd list`."""
+    """What is drawn at random for each episode; see `gplfd list`."""
 
     disturbances: tuple[str, ...] = ("none",)
-    """Disturbances during episodes: none, push, person, ...; see `gplfd list`."""
+    """Disturbances during episodes; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """Start of episodes: the hand holds the handle, or the open hand is in front of it
-    and first reaches for it."""
+    """The hand holds the handle, or the open hand first reaches for it."""
 
     robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .urdf or
-    .json of an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
+    """Robot: tiago-like, panda-like, ur5e-like, or a .urdf or .json of an arm
+    (docs/environment.md)."""
 
     skill: bool = True
-    """Also run learning tests: each policy predicts left-out demonstrations of
-    furniture doors, without a simulated robot."""
+    """Also predict left-out demonstrations of furniture doors, without a robot."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,16 +102,14 @@ class Condition:
         return text
 
 
-PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
-    {
-        TABLE_1_NAME: StudySettings(),
-        "small": StudySettings(
-            policies=("promp", "gp-fixed", "gp"),
-            doors=("small", "medium", "large"),
-            seeds=3,
-        ),
-    }
-)
+PRESETS: Final[Mapping[str, StudySettings]] = {
+    TABLE_1_NAME: StudySettings(),
+    "small": StudySettings(
+        policies=("promp", "gp-fixed", "gp"),
+        doors=("small", "medium", "large"),
+        seeds=3,
+    ),
+}
 """Studies by name: the whole comparison, and one that takes a minute."""
 
 
@@ -146,11 +139,9 @@ def read_settings(path: Path) -> StudySettings:
         stamp,
     )
 
-    stamped = stamp(KIND, VERSION).keys()
-    entries = read_toml(path)
+    entries, stamped = read_toml(path), stamp(KIND, VERSION)
     with naming(path):
-        if entries.keys() & stamped:
-            check_stamp(entries, KIND, VERSION)
+        check_stamp(stamped | entries, KIND, VERSION)
         # In a file, a radius may be a number.
         kinds = typing.get_type_hints(StudySettings)
         kinds["doors"] = tuple[str | float, ...]
@@ -168,15 +159,13 @@ def read_settings(path: Path) -> StudySettings:
 
 
 def write_settings(path: Path, settings: StudySettings) -> None:
-    """Write all settings, complete or not at all; not over those of a later version."""
-    from gplfd_experiments.files.plain_data import refuse_newer, stamp
+    """Write all settings, complete or not at all."""
+    from gplfd_experiments.files.plain_data import stamp
     from gplfd_policies.arrays.storage import complete_or_absent
 
-    refuse_newer(read_settings, path)
     lines = [f"# gplfd benchmark --config {path.name}"]
     for name, value in (stamp(KIND, VERSION) | dataclasses.asdict(settings)).items():
-        # TOML has the same format as JSON for texts, numbers, lists and truth values,
-        # except for one character that must be escaped.
+        # As JSON, except for one character that must be escaped in TOML.
         text = json.dumps(value, allow_nan=False, ensure_ascii=False)
         lines.append(f"{name} = {text}".replace("\x7f", "\\u007f"))
     with complete_or_absent(path) as temporary:

@@ -1,59 +1,208 @@
-"""Policies from outside this project: identification and transfer to workers.
+"""Policies from outside this project: identification, transfer, and their processes.
 
-A task has the name and hash of a user's file and of what it imports from its folder.
-The file is sent with the jobs, for machines that lack it.
+A task has the name and hash of a user's file and of what it imports from its folder. It
+is imported only in the process of the policy, and sent to machines that lack it. What
+the policy changes, ends, forks or never returns from is then its own: the state of
+NumPy, working folder, random numbers, modules, signals and files of the caller stay.
 """
 
+import contextlib
 import functools
-import hashlib
+import math
 import os
+import pickle
 import signal
+import subprocess
 import sys
 import tempfile
+import threading
+import time
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
-import numpy as np
-
 from gplfd_experiments.episodes.task import PolicySource, Task
-from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.catalogue import POLICIES, policy_named
 from gplfd_policies.registry.method import Policy
+
+LEARNING_LIMIT, STEP_LIMIT = 900.0, 60.0
+"""Longest time of an import or a learning, and of a control step [s]."""
+_GRACE: Final = 10.0
+"""Time for a policy to end after a TimeoutError was raised in it [s]."""
+_HANGS: Final = 124  # Exit status of a process whose policy does not end.
+_ENDLESS: Final = (
+    f"the policy did not return (limits: {LEARNING_LIMIT:g} s to learn, "
+    f"{STEP_LIMIT:g} s for a control step)"
+)
+_ALARM: Final = getattr(signal, "SIGALRM", None)  # not on Windows
+_CHILD: Final = "from gplfd_experiments.studies.sources import child; child()"
+
+_processes: dict[Hashable, "subprocess.Popen[bytes]"] = {}
+# They wait for a call, and end with this process.
+
+
+class ProcessEndedError(Exception):
+    """The process of a policy ended without a result: the reason, and its status."""
+
+
+def call_apart(policy: Hashable, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return ``function(*arguments, allow)`` of the process of a policy.
+
+    It calls ``allow(seconds)`` to set the time until its next call, or its end.
+    """
+    process = _processes.pop(policy, None)
+    if process is None:
+        paths = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
+        process = subprocess.Popen(
+            [sys.executable, "-u", "-P", "-c", _CHILD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": paths},
+            start_new_session=True,
+        )
+    calls: Any = process.stdin
+    replies: Any = process.stdout
+    try:
+        calls.write(pickle.dumps((function, arguments)))
+        calls.flush()
+        result, texts = pickle.load(replies)
+    except (OSError, EOFError) as error:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE)
+        process.kill()
+        with contextlib.suppress(ProcessLookupError, AttributeError):
+            os.killpg(process.pid, signal.SIGKILL)  # what it has forked
+        process.communicate()
+        status = process.returncode
+        ended = f"signal {-status}" if status < 0 else f"exit status {status}"
+        reason = f"its process ended: {ended}, in the policy's code"
+        reason = _ENDLESS if status == _HANGS else reason
+        raise ProcessEndedError(reason, status) from error
+    _processes[policy] = process
+    for text in texts:
+        warnings.warn(text, stacklevel=2)
+    return result
+
+
+def child() -> None:
+    """Answer the calls on standard input, until it is closed."""
+    calls, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    with contextlib.suppress(OSError):
+        os.dup2(2, 1)
+    if hasattr(os, "register_at_fork"):
+        # The caller waits for the end of this process, not of what it has forked.
+        os.register_at_fork(after_in_child=replies.close)
+    limit, folder = _TimeLimit(), os.getcwd()
+    while True:
+        try:
+            function, arguments = pickle.load(calls)
+        except EOFError:
+            os._exit(0)  # not after the policy's threads
+        os.chdir(folder)  # from where a policy went
+        limit.allow(LEARNING_LIMIT)
+        with warnings.catch_warnings(record=True) as caught:
+            result = function(*arguments, limit.allow)
+        limit.allow(math.inf)
+        pickle.dump((result, {str(warning.message) for warning in caught}), replies)
+        replies.flush()
+
+
+class _TimeLimit:
+    """Raises a TimeoutError in the main thread, and ends the process soon after."""
+
+    def __init__(self) -> None:
+        self._process, self._parent = os.getpid(), os.getppid()
+        self.allow(math.inf)
+        if _ALARM is not None:
+            signal.signal(_ALARM, _stop)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def allow(self, seconds: float) -> None:
+        """Set the time until the next call."""
+        if os.getpid() != self._process:
+            os._exit(0)  # a copy of this process that the policy forked
+        self._late, self._until = False, time.monotonic() + seconds
+
+    def _watch(self) -> None:
+        while os.getppid() == self._parent:
+            if time.monotonic() > self._until:
+                if self._late:
+                    os._exit(_HANGS)
+                self._late, self._until = True, self._until + _GRACE
+                if _ALARM is not None:
+                    signal.pthread_kill(threading.main_thread().ident or 0, _ALARM)
+            time.sleep(0.5)
+        os._exit(1)
+
+
+def _stop(*_: object) -> None:
+    raise TimeoutError(_ENDLESS)
+
 
 Files = Mapping[str, bytes]
 """Contents of users' files, when the study was planned, by the name of their policy."""
 
-NO_FILES: Final[Files] = MappingProxyType({})
+NO_FILES: Final[Files] = {}
 """Location of every policy on this machine."""
 
 
-def chosen(name: str) -> Policy:
-    """Return a policy as first loaded by this process."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Choice:
+    """What the plan of a study needs to know of a policy."""
+
+    source: PolicySource | None
+    learns: bool
+    """Whether it learns a movement."""
+    accepts_prior_mean: bool
+    correctable: bool
+    file: bytes
+    """Content of the user's file; b"" for another policy."""
+
+
+def chosen(name: str) -> Choice:
+    """Return a policy as first found by this process."""
     return _chosen(name, Path.cwd())
 
 
 @functools.cache
-def _chosen(name: str, folder: Path) -> Policy:
-    """Load a policy; what its module changes in this process is undone."""
-    path = sys.path[:]
-    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+def _chosen(name: str, folder: Path) -> Choice:
+    if name in POLICIES:
+        return _choice(policy_named(name))
     try:
-        with np.errstate(), warnings.catch_warnings():
-            return policy_named(name, folder)
-    finally:
-        sys.path[:] = path
-        os.chdir(folder)
-        for number, handler in handlers.items():
-            if handler != signal.getsignal(number):
-                signal.signal(number, handler)
+        choice: Choice | str = call_apart((name, folder), _found, name)
+    except ProcessEndedError as error:
+        choice = f"policy {name!r}: {error.args[0]}"
+    if isinstance(choice, str):
+        raise ValueError(choice)
+    return choice
+
+
+def _found(name: str, _: Callable[[float], None]) -> Choice | str:
+    """Return a policy in its own process, or what is wrong with it."""
+    try:
+        return _choice(policy_named(name))
+    except ValueError as error:
+        return str(error)
+
+
+def _choice(policy: Policy) -> Choice:
+    source, method = source_of(policy), policy.method
+    sent = source is not None and source["kind"] == "module" and "sha256" in source
+    return Choice(
+        source=source,
+        learns=method is not None,
+        accepts_prior_mean=method is not None and method.accepts_prior_mean,
+        correctable=policy.correctable,
+        file=Path(policy.origin.file).read_bytes() if sent and policy.origin else b"",
+    )
 
 
 def policy_fields(name: str) -> dict[str, Any]:
     """Return the fields of a task that identify a policy and its content."""
-    return {"policy": name, "policy_source": source_of(chosen(name))}
+    return {"policy": name, "policy_source": chosen(name).source}
 
 
 def source_of(policy: Policy) -> PolicySource | None:
@@ -68,15 +217,9 @@ def source_of(policy: Policy) -> PolicySource | None:
 
 
 def files_of(study: Iterable[Task]) -> Files:
-    """Read the users' files that tasks were planned with."""
-    files = {}
-    for name, source in {task.policy: task.policy_source for task in study}.items():
-        if source is None or source["kind"] != "module" or "sha256" not in source:
-            continue
-        origin = chosen(name).origin
-        files[name] = Path(origin.file).read_bytes() if origin is not None else b""
-        policy_named(name)  # raises if the file has changed since it was imported
-    return files
+    """Return the users' files that tasks were planned with."""
+    names = dict.fromkeys(task.policy for task in study if task.policy_source)
+    return {name: file for name in names if (file := chosen(name).file)}
 
 
 def policy_of(task: Task, files: Files) -> Policy:
@@ -92,26 +235,16 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-        # Named by its content, because a worker may outlive a version of the file.
-        planned, content = task.policy_source or {}, files[task.policy]
-        digest = hashlib.sha256(content).hexdigest()
-        stem = Path(planned["file"]).stem
-        path = Path(_folder().name) / f"{stem}_{digest[:12]}.py"
-        with complete_or_absent(path) as temporary:
-            temporary.write_bytes(content)
-        try:
-            policy = policy_named(f"{path}:{task.policy.rpartition(':')[2]}")
-        except ValueError as error:
-            raise ValueError(
-                f"{error}. On other machines a policy is a single file; install there "
-                "what it imports"
-            ) from error
+        planned = task.policy_source or {}
+        policy = _sent(task.policy, planned["file"], files[task.policy])
         if (source_of(policy) or {}).get("sha256") != planned.get("sha256"):
             raise  # It imports other files, which differ on this machine.
         return policy
 
 
 @functools.cache
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Return the folder of imported files; it is deleted when this process ends."""
-    return tempfile.TemporaryDirectory(prefix="gplfd-")
+def _sent(name: str, file: str, content: bytes) -> Policy:
+    """Load a policy from the file of another machine."""
+    path = Path(tempfile.mkdtemp(prefix="gplfd-"), file)
+    path.write_bytes(content)
+    return policy_named(f"{path}:{name.rpartition(':')[2]}")

@@ -1,19 +1,17 @@
 """Files of a study: the result of every task, and how the results were made."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.plain_data import (
-    NewerFormatError,
     check_stamp,
     entry,
     naming,
     read_json,
-    refuse_newer,
     stamp,
     write_json,
 )
@@ -23,12 +21,9 @@ STUDY: Final = "study.json"
 """Name of the file that states how the results of a folder were made."""
 PLANNED: Final = "tasks"
 """Entry of that file: number of tasks of the study."""
-# Kind of each file, and version of its layout.
-_STUDY, _RESULT = ("gplfd study", 1), ("gplfd result", 1)
-STUDY_STAMP: Final[Mapping[str, Any]] = stamp(*_STUDY)
-"""First entries of that file."""
-RESULT_STAMP: Final[Mapping[str, Any]] = stamp(*_RESULT)
-"""First entries of a result file."""
+_STUDY, _RESULT = ("gplfd study", 1), ("gplfd result", 1)  # Kind and version.
+STUDY_STAMP, RESULT_STAMP = stamp(*_STUDY), stamp(*_RESULT)
+"""First entries of that file, and of a result file."""
 
 POLICY_ERROR: Final = "policy_error"
 """Failure of an episode in which the policy raised an error, in learning or acting."""
@@ -46,8 +41,9 @@ _KINDS: Final[Mapping[str, Any]] = {
 
 
 def write_study(folder: Path, about: Mapping[str, Any]) -> None:
-    """Write study.json, unless a later version wrote it."""
-    refuse_newer(read_study, folder)
+    """Write study.json, not over one that is damaged or of a later version."""
+    if (folder / STUDY).exists():
+        read_study(folder)
     write_json(folder / STUDY, {**STUDY_STAMP, **about})
 
 
@@ -79,23 +75,23 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
     return metrics
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(kw_only=True, slots=True)
 class StoredResults:
     """The results of a study in a folder."""
 
-    finished: tuple[Result, ...]
+    finished: list[Result] = field(default_factory=list)
     """Complete results without an error."""
-    failed: tuple[Result, ...]
+    failed: list[Result] = field(default_factory=list)
     """Results that are an error."""
-    unfinished: tuple[Task, ...]
+    unfinished: list[Task] = field(default_factory=list)
     """Tasks without a complete result, or with an error; these are run."""
-    damaged: tuple[str, ...]
+    damaged: list[str] = field(default_factory=list)
     """Problem of each file without a complete result."""
 
 
 def stored_results(folder: Path, study: Iterable[Task]) -> StoredResults:
     """Read the result of every task of a study."""
-    finished, failed, unfinished, damaged = [], [], [], []
+    stored = StoredResults()
     for task in study:
         path = result_path(folder, task)
         try:
@@ -104,22 +100,13 @@ def stored_results(folder: Path, study: Iterable[Task]) -> StoredResults:
                 outcome(result, task)
                 if task_from(entry(result, "task", dict[str, Any])).key != task.key:
                     raise ValueError("it holds the result of another task")
-        except NewerFormatError:
-            raise
+            if "error" not in result:
+                stored.finished.append(result)
+                continue
+            stored.failed.append(result)
         except FileNotFoundError:
-            unfinished.append(task)
+            pass
         except (OSError, ValueError) as error:
-            unfinished.append(task)
-            damaged.append(str(error))
-        else:
-            if "error" in result:
-                failed.append(result)
-                unfinished.append(task)
-            else:
-                finished.append(result)
-    return StoredResults(
-        finished=tuple(finished),
-        failed=tuple(failed),
-        unfinished=tuple(unfinished),
-        damaged=tuple(damaged),
-    )
+            stored.damaged.append(str(error))
+        stored.unfinished.append(task)
+    return stored

@@ -2,14 +2,13 @@
 
 import dataclasses
 import itertools
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_experiments.console.arguments import check_circumstances
+from gplfd_experiments.console.arguments import check_circumstances, check_least
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import (
     EpisodeTask,
@@ -56,8 +55,7 @@ class RecordedTask(Task):
 Job = tuple[Task, ...]
 """Episodes of one policy that are opened in lockstep, or a single learning test."""
 
-_MOST: Final = 100_000
-"""Largest number of tasks of a study."""
+_MOST: Final = 100_000  # Largest number of tasks of a study.
 
 TOGETHER: Final = 12
 """Largest number of episodes in a job of several trainings."""
@@ -129,16 +127,12 @@ def checked(settings: StudySettings) -> StudySettings:
     for name, values in dataclasses.asdict(settings).items():
         if isinstance(values, tuple):
             _check_list(name.replace("_", "-"), values)
-    for option, values, low, high in (
-        ("seeds", (settings.seeds,), 1, math.inf),
+    check_least("--seeds", settings.seeds, 1)
+    for number in settings.demonstrations_per_door:
         # Exact Gaussian processes of more demonstrations take hours.
-        ("demonstrations-per-door", settings.demonstrations_per_door, 1, 1000),
-        ("teacher-noise", settings.teacher_noise, 0, 20),
-    ):
-        for value in values:
-            if not low <= value <= high:
-                allowed = f"{low} to {high}" if high < math.inf else f"{low} or more"
-                raise ValueError(f"--{option} {value} must be {allowed}")
+        check_least("--demonstrations-per-door", number, 1, 1000)
+    for noise in settings.teacher_noise:
+        check_least("--teacher-noise", noise, 0, 20)
     teachings = len(settings.demonstrations_per_door) * len(settings.teacher_noise)
     number = len(settings.doors) * len(list(conditions(settings)))
     number += settings.skill * len(HELD_OUT) * teachings
@@ -161,12 +155,18 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
         settings.doors, start=settings.start, robot=settings.robot
     ).values()
     furniture = any(door.kind == DoorConfig().kind for door in doors)
+    tests = list(
+        itertools.product(
+            settings.demonstrations_per_door,
+            settings.teacher_noise,
+            [policy for policy in settings.policies if chosen(policy).learns],
+            HELD_OUT if settings.skill and furniture else (),
+        )
+    )
     study: list[Task] = []
     for seed in range(settings.seeds):
         for condition in conditions(settings):
             study += episodes(settings, condition, [seed])
-        if not settings.skill or not furniture:
-            continue
         study += [
             SkillTask(
                 **policy_fields(policy),
@@ -176,34 +176,28 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
                 demonstrated_forces=settings.demonstrated_forces,
                 held_out=left_out,
             )
-            for number, noise, policy, left_out in itertools.product(
-                settings.demonstrations_per_door,
-                settings.teacher_noise,
-                settings.policies,
-                HELD_OUT,
-            )
-            if chosen(policy).method is not None
+            for number, noise, policy, left_out in tests
         ]
     return tuple(study)
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
     """Yield the conditions of a study."""
-    for number, noise, randomization, disturbance in itertools.product(
+    shared = ("start", "robot", "demonstrated_forces")
+    fields: dict[str, Any] = {name: getattr(settings, name) for name in shared}
+    varied = (
+        "demonstrations_per_door",
+        "teacher_noise",
+        "randomization",
+        "disturbance",
+    )
+    for values in itertools.product(
         settings.demonstrations_per_door,
         settings.teacher_noise,
         settings.randomizations,
         settings.disturbances,
     ):
-        yield Condition(
-            demonstrations_per_door=number,
-            teacher_noise=noise,
-            randomization=randomization,
-            disturbance=disturbance,
-            start=settings.start,
-            robot=settings.robot,
-            demonstrated_forces=settings.demonstrated_forces,
-        )
+        yield Condition(**fields | dict(zip(varied, values, strict=True)))
 
 
 def episodes(
@@ -237,7 +231,7 @@ def recorded_tasks(
     names = _policies(policies)
     _check_list("policies", names)
     for name in names:
-        if chosen(name).method is None:
+        if not chosen(name).learns:
             raise ValueError(
                 f"policy {name!r} learns no movement, so there is nothing to test; see "
                 "`gplfd list`"

@@ -1,8 +1,16 @@
-"""Episodes that a person leads, alone or while a policy acts, and their recording."""
+"""Episodes that a person leads, alone or while a policy acts, and what is kept of them.
 
+A set of demonstrations is a folder with `demonstrations.npz`, like every set, and the
+folder `taught` with the complete recordings. Demonstrations that are missing in the
+file are added when the set is next opened, so that no kept demonstration is lost.
+"""
+
+import json
 import math
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import mujoco
@@ -10,16 +18,316 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_experiments.console.arguments import check_folder
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.build import make_environment
-from gplfd_experiments.episodes.leading import LedAgent
-from gplfd_experiments.episodes.practice import LOST
+from gplfd_experiments.episodes.leading import BLEND_TIME, LOST, PULLS, LedAgent
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View
-from gplfd_experiments.teaching.taught import CorrectedSkill, Taught
+from gplfd_experiments.files.provenance import provenance
+from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
+from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.alignment import without_rests
-from gplfd_policies.demonstrations.demonstration import Correction, Demonstration
+from gplfd_policies.demonstrations.demonstration import Correction, Demonstration, Who
+from gplfd_policies.demonstrations.npz import FILE, save_demonstrations
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.method import Method
+
+_FOLDER: Final = "taught"  # Folder of a set with a file per demonstration.
+_KIND: Final = "a gplfd taught demonstration"
+_VERSION: Final = 1
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Taught:
+    """A demonstration of a person at a door, with the inputs."""
+
+    name: str
+    """Name of the door."""
+    door: DoorConfig
+    inputs: Float[np.ndarray, "N 9"]
+    """A sample of the device per control period, `teaching.lead.INPUTS`."""
+    recorded: Demonstration
+    """Motion and wrenches of the hand, N + 1 samples from the closed handle on."""
+
+    @property
+    def demonstration(self) -> Demonstration:
+        """Demonstration for learning: without pauses, relative to its first pose."""
+        return without_rests(self.recorded)[0].relative_to_first()
+
+
+class TaughtSet:
+    """The demonstrations in a folder, to which more are added.
+
+    Raises ValueError if the folder holds something else or a damaged file.
+    """
+
+    def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
+        check_folder(folder)
+        if (
+            folder.exists()
+            and any(folder.iterdir())
+            and not (folder / _FOLDER).exists()
+        ):
+            raise ValueError(
+                f"{folder} exists and is no set of gplfd demos teach; give another "
+                "folder"
+            )
+        self.place, self._options = folder, options
+        self.kept = read_taught(folder)
+        if self.kept:
+            self._write_index()
+
+    def keep(self, taught: Taught) -> None:
+        """Save a demonstration."""
+        numbers = [int(file.stem) for file in _files(self.place)]
+        arrays = {
+            "door": np.array(json.dumps({taught.name: taught.door.as_dict()})),
+            "origin": np.array(json.dumps(provenance(self._options))),
+            "inputs": taught.inputs,
+            "times": taught.recorded.times,
+            "poses": taught.recorded.poses,
+            "wrenches": taught.recorded.wrenches,
+        }
+        file = self.place / _FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
+        write_archive(file, kind=_KIND, version=_VERSION, arrays=arrays)
+        self.kept.append(taught)
+        try:
+            self._write_index()
+        except OSError:  # It can be kept again, but not stored twice.
+            self.kept.pop()
+            file.unlink()
+            raise
+
+    def _write_index(self) -> None:
+        save_demonstrations(
+            self.place / FILE,
+            [taught.demonstration for taught in self.kept],
+            [taught.door.radius for taught in self.kept],
+        )
+
+
+def read_taught(folder: Path) -> list[Taught]:
+    """Return the demonstrations of a set, in the order in which they were kept."""
+    return [
+        read_archive(file, kind=_KIND, version=_VERSION, build=_taught)
+        for file in _files(folder)
+    ]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted((folder / _FOLDER).glob("[0-9]*.npz"))
+
+
+def _taught(members: Members) -> Taught:
+    [(name, door)] = settings(members["door"]).items()
+    inputs = members["inputs"]
+    times, poses, wrenches = map(members.__getitem__, ("times", "poses", "wrenches"))
+    if inputs.shape != (len(times) - 1, 9):
+        raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
+    return Taught(
+        name=name,
+        door=door_config(door),
+        inputs=inputs,
+        recorded=Demonstration(times=times, poses=poses, wrenches=wrenches),
+    )
+
+
+class CorrectedSkill:
+    """A skill that learns from corrections, and its file."""
+
+    def __init__(self, method: Method, skill: Skill, place: Path) -> None:
+        self.method, self.place = method, place
+        self.skill: Movement = skill
+        self.kept: list[Correction] = []
+
+    def keep(self, correction: Correction) -> None:
+        """Learn from a correction, and save skill and correction."""
+        skill = self.method.update(self.skill, correction)
+        if isinstance(skill, Skill):
+            skill.save(self.place)
+        self.skill = skill
+        self.kept.append(correction)
+
+
+INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
+"""Sample of a device in a control period: whether the pointer is pressed, its position
+in the picture from the left and from the top in widths and heights, and six deflections
+(keys, wheel, SpaceMouse) from -1 to 1 along and about the axes of the task frame."""
+
+SPRING: Final = (300.0, 100.0)
+"""Stiffness of the virtual spring [N/m, N m/rad]."""
+_FORCE: Final = 45.0  # Largest force of the spring [N].
+_ACROSS: Final = 0.1  # Share of the stiffness across the motion of a moving hand.
+_MOVING: Final = 0.05  # Speed from which a hand counts as moving [m/s].
+_SPEED: Final = 0.3  # Speed of the target at full deflection [m/s].
+_TURN: Final = 0.1  # Deflection of the wrist's spring at full input [rad]: 10 N m.
+
+
+def checked_input(values: object) -> Float[np.ndarray, " 9"]:
+    """Return a sample of `INPUTS`, or raise ValueError; deflections within ±1."""
+    try:
+        sample = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        sample = np.empty(0)
+    if sample.shape != (len(INPUTS),) or not np.isfinite(sample).all():
+        raise ValueError(
+            f"an input must be {len(INPUTS)} finite numbers {', '.join(INPUTS)}; got "
+            f"{values!r:.80}"
+        )
+    sample[3:] = np.clip(sample[3:], -1.0, 1.0)
+    return sample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class View:
+    """A static camera: position and axes in the task frame.
+
+    The columns of `axes` point to the right, upwards and backwards in the picture. A
+    position in the picture stands for a point in a plane with the normal `normal`, in
+    which the door moves the hand.
+    """
+
+    position: Float[np.ndarray, " 3"]
+    axes: Float[np.ndarray, "3 3"]
+    extent: tuple[float, float]
+    """Half the width and height of the picture at a distance of 1."""
+    normal: Float[np.ndarray, " 3"]
+
+    @classmethod
+    def of(cls, data: mujoco.MjData, camera: str, aspect: float, level: bool) -> "View":
+        """Return the view of a scene's camera; `level`: the door has a level hinge."""
+        task, seen = data.site("task_frame"), data.camera(camera)
+        to_task = task.xmat.reshape(3, 3).T
+        fovy = float(data.model.camera(camera).fovy[0])
+        height = math.tan(math.radians(fovy) / 2.0)
+        return cls(
+            position=to_task @ (seen.xpos - task.xpos),
+            axes=to_task @ seen.xmat.reshape(3, 3),
+            extent=(aspect * height, height),
+            normal=np.array([0.0, 0.0, 1.0] if level else [0.0, 1.0, 0.0]),
+        )
+
+    def point(
+        self, u: float, v: float, level: Float[np.ndarray, " 3"]
+    ) -> Float[np.ndarray, " 3"] | None:
+        """Return the point in the plane through `level`, or None beyond its horizon."""
+        width, height = self.extent
+        ray = self.axes @ [(2.0 * u - 1.0) * width, (1.0 - 2.0 * v) * height, -1.0]
+        along = float(self.normal @ ray)
+        distance = float(self.normal @ (level - self.position))
+        if not distance / along > 0.0 if along else True:
+            return None
+        return np.asarray(self.position + distance / along * ray)
+
+    def place(self, point: Float[np.ndarray, " 3"]) -> tuple[float, float]:
+        """Return the position of a point in the picture, (u, v)."""
+        right, up, back = self.axes.T @ (point - self.position)
+        width, height = self.extent
+        return 0.5 - 0.5 * right / (back * width), 0.5 + 0.5 * up / (back * height)
+
+
+class Lead:
+    """The target of one demonstration, moved by the samples of a device.
+
+    `servo` is the stiffness of the arm [N/m] that renders the spring.
+    """
+
+    def __init__(
+        self, view: View, *, force: float = _FORCE, servo: float = SPRING[0]
+    ) -> None:
+        self._view, self._reach = view, force / SPRING[0]
+        self._give = SPRING[0] / servo
+        self.target: Float[np.ndarray, " 3"] = np.zeros(3)
+        """Target of the spring [m]."""
+        self._grip: Float[np.ndarray, " 3"] | None = None
+        self._level, self._active = np.zeros(3), False
+
+    def command(
+        self,
+        sample: Float[np.ndarray, " 9"],
+        observation: Observation,
+        wrist: Float[np.ndarray, " 3"],
+    ) -> Float[np.ndarray, " 6"]:
+        """Return the commanded pose of the hand for a control period [m, rad].
+
+        `wrist` is its rotation vector without deflections about the axes. Pressing the
+        pointer does not move the hand; after release, the hand keeps its position.
+        """
+        hand, velocity = observation["ee_pose"][:3], observation["ee_twist"][:3]
+        shift = _SPEED * CONTROL_PERIOD * sample[3:6]
+        held, deflected = bool(sample[0]), bool(sample[3:6].any())
+        if held:
+            if self._grip is None:
+                self._level = hand
+            point = self._view.point(sample[1], sample[2], self._level)
+            if point is not None:
+                start = hand - point if self._grip is None else self._grip
+                self._grip = start + shift
+                self.target = point + self._grip
+        else:
+            self._grip = None
+            let_go = self._active and not deflected
+            self.target = (hand if let_go else self.target) + shift
+        self._active = held or deflected
+        error = self.target - hand
+        error *= self._reach / max(self._reach, float(np.linalg.norm(error)))
+        if not held:
+            self.target = hand + error
+        speed = float(np.linalg.norm(velocity))
+        along = velocity * (velocity @ error) / speed**2 if speed else error
+        moving = (1.0 - _ACROSS) * min(1.0, speed / _MOVING)
+        stretch = moving * along + (1.0 - moving) * error
+        turned = compose_rotvecs(_TURN * sample[6:], wrist)
+        return np.concatenate([hand + self._give * stretch, turned])
+
+
+class Person:
+    """Leads the hand of a policy while a device is held or deflected.
+
+    A `gplfd_experiments.episodes.leading.Leader`. The pull is limited, and taking the
+    hand and handing it over are blended, as by the synthetic corrector.
+    """
+
+    by: Who = "person"
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+
+    def begin(self, door: DoorGeometry) -> None:
+        """Watch an episode at a door."""
+        self._door = door
+        force = PULLS[door.travel > 0.0]
+        self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
+        self._share = 0.0  # blend from the policy's command (0) to the person's (1)
+
+    def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
+        """Set the sample of the next control period, and the handle's angle [rad]."""
+        self._sample, self._turn = sample, handle_angle
+
+    def lead(
+        self, observation: Observation, step: AgentStep
+    ) -> Float[np.ndarray, " 6"] | None:
+        """Return the command while the hand is led or handed over."""
+        active = bool(self._sample[0] or self._sample[3:].any())
+        change = CONTROL_PERIOD / BLEND_TIME
+        self._share = np.clip(self._share + (change if active else -change), 0.0, 1.0)
+        if active:
+            self._held = self._sample  # It continues to pull during the hand-over.
+        elif self._share == 0.0:
+            self.spring.target = np.array(observation["ee_pose"][:3])
+            return None
+        angle = self._door.angle(observation["ee_pose"][:3])
+        wrist = self._door.easy_hand_poses(angle, self._turn)[3:]
+        pose = self.spring.command(self._held, observation, wrist)
+        share = minimum_jerk(np.array(self._share))
+        return np.asarray((1.0 - share) * step.action + share * pose)
+
 
 SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 
@@ -27,10 +335,9 @@ SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 class Lesson(ABC):
     """A person leads a hand on the handle of a closed door, step by step.
 
-    An input is a sample of the device (`gplfd_experiments.teaching.lead.INPUTS`). Each
-    input advances the simulation by one control period, independent of real time, so
-    that equal inputs give equal recordings. The picture is from above, for a flap from
-    the side.
+    An input is a sample of the device, `INPUTS`. Each input advances the simulation by
+    one control period, independent of real time, so that equal inputs give equal
+    recordings. The picture is from above, for a flap from the side.
     """
 
     longest: ClassVar[int]  # Of an episode, in control periods.

@@ -22,9 +22,13 @@ from PIL import Image
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import parsed_json
-from gplfd_experiments.teaching.lead import checked_input
-from gplfd_experiments.teaching.lesson import DemonstrationLesson, Lesson
-from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
+from gplfd_experiments.teaching.lesson import (
+    CorrectedSkill,
+    DemonstrationLesson,
+    Lesson,
+    TaughtSet,
+    checked_input,
+)
 
 PRESSES: Final = ("", "start", "stop", "keep", "repeat", "discard", "next", "finish")
 """Buttons of the page; "" for none."""
@@ -138,8 +142,7 @@ def teach(
 ) -> int:
     """Serve the page until the person finishes; return how many demonstrations exist.
 
-    Takes the options of ``gplfd demos teach``. ValueError: they are wrong. OSError: the
-    address is taken, the set cannot be written, or pictures cannot be drawn.
+    OSError: the address is taken, or pictures cannot be drawn.
     """
     lessons = [
         partial(DemonstrationLesson, *door, drawn=True)
@@ -151,10 +154,7 @@ def teach(
 
 
 def serve(session: Session, task: str, *, device: str, host: str, port: int) -> None:
-    """Serve the page, entitled by the task, until the person finishes.
-
-    Raises OSError if the address is taken.
-    """
+    """Serve the page, entitled by the task, until the person finishes."""
     # Pictures are drawn in the thread that made the session; requests wait for it.
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     page = files(__package__).joinpath("page.html").read_text(encoding="utf-8")

@@ -1,21 +1,20 @@
-"""A run: learn once, open doors, and store metrics and recordings in a folder."""
+"""A run: learn once, open doors, and store metrics and recordings, or a data set."""
 
 import contextlib
 import math
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from logging import DEBUG
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
+import gymnasium as gym
 import mujoco
 import numpy as np
 
-from gplfd_env.doors.config import DoorConfig
-from gplfd_env.robot.config import RobotConfig
+from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.urdf import chosen
 from gplfd_experiments.console.arguments import (
@@ -24,6 +23,7 @@ from gplfd_experiments.console.arguments import (
     check_least,
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
+from gplfd_experiments.data.minari import Recorder, outcome, write_dataset
 from gplfd_experiments.episodes.build import (
     PolicyError,
     demonstrations_of,
@@ -31,9 +31,8 @@ from gplfd_experiments.episodes.build import (
     make_environment,
     reported_errors,
 )
-from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.metrics import episode_metrics, why_closed
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
@@ -47,7 +46,11 @@ from gplfd_experiments.recording.video import (
 )
 from gplfd_experiments.studies.sources import source_of
 from gplfd_experiments.studies.store import POLICY_ERROR
-from gplfd_experiments.workflows.settings import RunSettings
+from gplfd_experiments.workflows.settings import (
+    EpisodeSettings,
+    RecordSettings,
+    RunSettings,
+)
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -63,16 +66,6 @@ from gplfd_policies.registry.method import Policy
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
-_OF_DOOR: Final = (".npz", ".rrd")  # Suffixes of the files of a door.
-
-
-class _Learned(NamedTuple):
-    """Learned agents for a kind of doors, and what they learned from."""
-
-    labelled: LabelledDemonstrations
-    make: Callable[[], Agent]
-    file: str
-    """Name of the file of these demonstrations in the run."""
 
 
 def open_doors(
@@ -80,17 +73,21 @@ def open_doors(
 ) -> list[dict[str, Any]]:
     """Learn, open each door once, and write everything.
 
-    Doors of several kinds are opened by several agents. Each learns from demonstrations
-    of its kind. If the policy raises an error in acting, the door counts as not opened
-    and the other doors are still opened. Nothing is written before the first episode
-    has ended. ``options`` are stored with the results.
+    Doors of several kinds have several agents, which learn from demonstrations of their
+    kind. If the policy raises an error in acting, the other doors are still opened.
+    Nothing is written before the first episode has ended. The options are stored.
     """
     # A policy may change the working folder.
     paths = {name: getattr(settings, name) for name in ("demonstrations", "skill")}
     absolute = {name: path and path.absolute() for name, path in paths.items()}
     folder, settings = folder.absolute(), replace(settings, **absolute)
     policy = policy_named(settings.policy)
-    tasks = _tasks(settings, policy)
+    fields: dict[str, Any] = {"disturbance": settings.disturbance}
+    if settings.demonstrations is not None:
+        fields["demonstrations_per_door"] = 2
+    fields["policy_source"] = source_of(policy)
+    tasks = episode_tasks(settings, [settings.seed], **fields)
+    _check_source(settings, tasks)
     videos: dict[str, Path] = {}
     if settings.video is not None:
         videos = video_paths(settings.video, [task.door for task in tasks])
@@ -100,14 +97,27 @@ def open_doors(
     if body.search is not None:
         LOG.info(chosen(body))
     check_folder(folder)
-    files = _demonstrations_files(tasks)
-    _check_files(folder, tasks, files.values(), videos.values())
-    _check_source(settings, tasks)
-
+    kinds: dict[str, list[EpisodeTask]] = {}
+    for task in tasks:
+        kinds.setdefault(task.demonstrations_key, []).append(task)
+    files = dict.fromkeys(kinds, FILE)
+    if len(kinds) > 1:
+        files = {key: f"demonstrations-{kinds[key][0].door}.npz" for key in kinds}
+    names = [CONFIGURATION, METRICS, *files.values()]
+    names += [f"{task.door}{suffix}" for task in tasks for suffix in (".npz", ".rrd")]
+    results = [*map(folder.joinpath, names), *videos.values()]
+    if existing := [path.name for path in results if path.exists()]:
+        raise ValueError(
+            f"{folder} holds earlier results ({', '.join(existing)}); remove them, or "
+            "give another --out"
+        )
     started = time.perf_counter()
+    labelled: dict[str, LabelledDemonstrations] = {}
+    agents: dict[str, Agent] = {}
     with reported_errors(settings.policy, policy):
-        learned = _learn(settings, tasks, policy, files)
-        agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
+        for key, alike in kinds.items():
+            labelled[key], make = _learn(settings, alike, policy)
+            agents |= {task.door: make() for task in alike}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
     metrics: list[dict[str, Any]] = []
@@ -115,7 +125,10 @@ def open_doors(
         started = time.perf_counter()
         episode = _episode(task, agents[task.door], policy)
         if not metrics:
-            _write_origin(settings, folder, tasks, learned, options)
+            LOG.info("writing to %s", folder)
+            kept = {files[key]: labelled[key] for key in kinds}
+            sources = {task.door: files[task.demonstrations_key] for task in tasks}
+            _write_origin(settings, folder, tasks, kept, sources, options)
         if isinstance(episode, dict):
             metrics.append(episode)
         else:
@@ -123,14 +136,18 @@ def open_doors(
             measured = episode_metrics(log)
             metrics.append(measured)
             log.save(folder / f"{task.door}.npz")
-            demonstrations = learned[task.demonstrations_key].labelled.demonstrations
+            demonstrations = labelled[task.demonstrations_key].demonstrations
             recording = folder / f"{task.door}.rrd"
             record_episode(recording, log, model, demonstrations)
             if video := videos.get(task.door):
                 images = write_video(video, log, model, STANDARD)
                 seconds = images / STANDARD.rate
                 LOG.info("wrote %s (%d pictures, %.1f s)", video, images, seconds)
-            if joint := _joint_at_limit(log, model, body):
+            low, high = model.jnt_range[[model.joint(name).id for name in body.arm]].T
+            angles = log.motion.joint_pos
+            margins = np.minimum(angles - low, high - angles).min(axis=0)
+            if margins.min() < 0.01:
+                joint = body.arm[int(margins.argmin())]
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
             ended = f"not opened ({why})" if why else "opened"
@@ -144,48 +161,26 @@ def open_doors(
     return metrics
 
 
-def _joint_at_limit(log: EpisodeLog, model: mujoco.MjModel, robot: RobotConfig) -> str:
-    """Return the joint of the arm that came within 0.01 rad of a limit, or ""."""
-    low, high = model.jnt_range[[model.joint(name).id for name in robot.arm]].T
-    angles = log.motion.joint_pos
-    margins = np.minimum(angles - low, high - angles).min(0)
-    return robot.arm[int(margins.argmin())] if margins.min() < 0.01 else ""
+def episode_tasks(
+    settings: EpisodeSettings, seeds: Sequence[int], **fields: Any
+) -> list[EpisodeTask]:
+    """Return a task per door and seed, after checks of the settings.
 
-
-def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
-    """Return the task of each door, after checks of the settings."""
+    The fields are further ones of tasks.
+    """
     check_least("--seed", settings.seed, 0)
-    check_circumstances(settings.randomization, settings.disturbance, settings.start)
-    per_door = (
-        settings.demonstrations_per_door if settings.demonstrations is None else 2
-    )
-    check_least("--demonstrations-per-door", per_door, 1, 1000)
+    disturbance = fields.get("disturbance", "none")
+    check_circumstances(settings.randomization, disturbance, settings.start)
+    names = ["policy", "demonstrations_per_door", "demonstrated_forces"]
+    names += ["randomization", "start", "robot"]
+    fields = {name: getattr(settings, name) for name in names} | fields
+    check_least("--demonstrations-per-door", fields["demonstrations_per_door"], 1, 1000)
     doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
     return [
-        episode_task(
-            door,
-            config,
-            policy=settings.policy,
-            policy_source=source_of(policy),
-            seed=settings.seed,
-            demonstrations_per_door=per_door,
-            demonstrated_forces=settings.demonstrated_forces,
-            randomization=settings.randomization,
-            disturbance=settings.disturbance,
-            start=settings.start,
-            robot=settings.robot,
-        )
+        episode_task(door, config, seed=seed, **fields)
         for door, config in doors.items()
+        for seed in seeds
     ]
-
-
-def check_frame(frame: str, source: Path) -> None:
-    """Raise a ValueError if the frame of a set or a skill is not that of a door."""
-    if frame not in ("door", FRAME):
-        raise ValueError(
-            f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
-            "import the recordings with gplfd demos import FILES --frame hinge"
-        )
 
 
 def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
@@ -203,60 +198,53 @@ def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
             "--demonstrated-forces applies to demonstrations of the synthetic human: "
             f"omit it, or omit {option}"
         )
-    kinds = {
-        task.door: {"motion": "hinged"} | DoorConfig(**task.door_config).kind
+    (first, kind), *others = (
+        (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
         for task in tasks
-    }
-    first = tasks[0].door
-    for door, kind in kinds.items():
-        if differ := [name for name in kind if kind[name] != kinds[first][name]]:
+    )
+    for door, other in others:
+        if differ := [name for name in kind if kind[name] != other[name]]:
             raise ValueError(
                 f"doors {first} and {door} are of two kinds (they differ in "
-                f"{', '.join(differ)}), but {option} contains one kind; use two "
-                f"runs, or omit {option}"
+                f"{', '.join(differ)}), but {option} contains one kind; use two runs, "
+                f"or omit {option}"
             )
+
+
+def check_frame(frame: str, source: Path) -> None:
+    """Raise a ValueError if the frame of a set or a skill is not that of a door."""
+    if frame not in ("door", FRAME):
+        raise ValueError(
+            f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
+            "import the recordings with gplfd demos import FILES --frame hinge"
+        )
 
 
 def _learn(
-    settings: RunSettings,
-    tasks: Sequence[EpisodeTask],
-    policy: Policy,
-    files: Mapping[str, str],
-) -> dict[str, _Learned]:
-    """Learn once per kind of doors.
-
-    Returns learned agents by `EpisodeTask.demonstrations_key`.
-    """
-    kinds: dict[str, list[EpisodeTask]] = {}
-    for task in tasks:
-        kinds.setdefault(task.demonstrations_key, []).append(task)
-    learned: dict[str, _Learned] = {}
-    for key, alike in kinds.items():
-        first = alike[0]
-        if settings.skill is not None:
-            method, skill = method_and_skill(first.policy, settings.skill)
-            check_frame(skill.frame, settings.skill)
-            aligned = skill.aligned.demonstrated
-            times = aligned.duration * aligned.times
-            # The skill contains the forces, if any.
-            motions = [Demonstration(times=times, poses=pose) for pose in aligned.poses]
-            labelled = LabelledDemonstrations(
-                demonstrations=tuple(motions), radii=(None,) * len(motions)
-            )
-            make: Callable[[], Agent] = partial(method.follow, skill)
-        else:
-            if settings.demonstrations is not None:
-                labelled = load_demonstrations(settings.demonstrations)
-                check_frame(labelled.frame, settings.demonstrations)
-            else:
-                labelled = demonstrations_of(first)
-            if policy.kind != "reference":
-                doors = ", ".join(task.door for task in alike)
-                number = len(labelled.demonstrations)
-                LOG.info(f"learning from {number} demonstrations for {doors}")
-            make = learned_agents(first, policy, labelled)
-        learned[key] = _Learned(labelled, make, files[key])
-    return learned
+    settings: RunSettings, alike: Sequence[EpisodeTask], policy: Policy
+) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
+    """Learn for doors of one kind; return demonstrations and a factory of agents."""
+    if settings.skill is not None:
+        method, skill = method_and_skill(settings.policy, settings.skill)
+        check_frame(skill.frame, settings.skill)
+        aligned = skill.aligned.demonstrated
+        times = aligned.duration * aligned.times
+        # The skill contains the forces, if any.
+        motions = [Demonstration(times=times, poses=pose) for pose in aligned.poses]
+        labelled = LabelledDemonstrations(
+            demonstrations=tuple(motions), radii=(None,) * len(motions)
+        )
+        return labelled, partial(method.follow, skill)
+    if settings.demonstrations is not None:
+        labelled = load_demonstrations(settings.demonstrations)
+        check_frame(labelled.frame, settings.demonstrations)
+    else:
+        labelled = demonstrations_of(alike[0])
+    if policy.kind != "reference":
+        doors = ", ".join(task.door for task in alike)
+        number = len(labelled.demonstrations)
+        LOG.info(f"learning from {number} demonstrations for {doors}")
+    return labelled, learned_agents(alike[0], policy, labelled)
 
 
 def _episode(
@@ -302,12 +290,11 @@ def _write_origin(
     settings: RunSettings,
     folder: Path,
     tasks: Sequence[EpisodeTask],
-    learned: Mapping[str, _Learned],
+    kept: Mapping[str, LabelledDemonstrations],
+    sources: Mapping[str, str],
     options: Mapping[str, Any],
 ) -> None:
     """Write the demonstrations, and the settings and versions of the run."""
-    LOG.info("writing to %s", folder)
-    kept = {kind.file: kind.labelled for kind in learned.values()}
     for name, labelled in kept.items():
         save_demonstrations(
             folder / name,
@@ -325,45 +312,70 @@ def _write_origin(
         "demonstrations_sha256": {
             name: content_hash(source or folder / name) for name in kept
         },
-        "demonstrations_of": {
-            task.door: learned[task.demonstrations_key].file for task in tasks
-        },
+        "demonstrations_of": sources,
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {task.door: task.door_config for task in tasks},
     }
     write_json(folder / CONFIGURATION, provenance(record))
 
 
-def _check_files(
-    folder: Path,
-    tasks: Sequence[EpisodeTask],
-    demonstrations: Iterable[str],
-    videos: Iterable[Path],
-) -> None:
-    """Raise ValueError if two files of a run have one name, or if one exists."""
-    of_doors = {f"{task.door}{end}": task.door for task in tasks for end in _OF_DOOR}
-    names = [CONFIGURATION, METRICS, *dict.fromkeys(demonstrations), *of_doors]
-    # Some file systems do not distinguish capitals.
-    count = Counter(name.casefold() for name in names)
-    for name, door in of_doors.items():
-        if count[name.casefold()] > 1:
-            raise ValueError(
-                f"door {door}: {name} would also be another file of this run; rename "
-                "the door's file"
-            )
-    paths = (*map(folder.joinpath, names), *videos)
-    if existing := [path.name for path in paths if path.exists()]:
+def record_dataset(
+    folder: Path, settings: RecordSettings, options: Mapping[str, Any]
+) -> int:
+    """Open every door several times and write the data set; the options are stored."""
+    check_least("--episodes", settings.episodes, 1, 100_000)
+    check_least("--max-steps", settings.max_steps, 1)
+    name, policy = settings.policy, policy_named(settings.policy)
+    seeds = range(settings.seed, settings.seed + settings.episodes)
+    tasks = episode_tasks(settings, seeds)
+    check_folder(folder.parent)
+    folder = folder.absolute()  # A policy may change the working folder.
+    first = tasks[0]
+    if other := next((task for task in tasks if task.base != first.base), None):
         raise ValueError(
-            f"{folder} holds earlier results ({', '.join(existing)}); remove them, or "
-            "give another --out"
+            f"door {first.door} is opened with base={first.base!r} and door "
+            f"{other.door} with base={other.base!r}; a data set has one environment: "
+            "record two data sets"
         )
+    steps = settings.max_steps
+    limit = {} if steps is None else {"max_episode_steps": steps}
+    # The first agent determines the environment of all episodes, whose resets change
+    # the door.
+    with reported_errors(name, policy):
+        control = learned_agents(first, policy)().control
+    with contextlib.closing(make_environment(first, control, **limit)) as env:
+        write_dataset(
+            folder,
+            _recorded(env, tasks, policy),
+            env=env,
+            policy=name,
+            config=options,
+            overwrite=settings.overwrite,
+        )
+    return len(tasks)
 
 
-def _demonstrations_files(tasks: Sequence[EpisodeTask]) -> dict[str, str]:
-    """Return the file of demonstrations by `EpisodeTask.demonstrations_key`."""
-    doors: dict[str, str] = {}
-    for task in tasks:
-        doors.setdefault(task.demonstrations_key, task.door)
-    if len(doors) == 1:
-        return dict.fromkeys(doors, FILE)
-    return {key: f"{Path(FILE).stem}-{door}.npz" for key, door in doors.items()}
+def _recorded(
+    env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
+) -> Iterator[Any]:
+    """Run and yield the episode of every task."""
+    recorder, inner = Recorder(env), env.unwrapped
+    for task in progress_bar(tasks, desc="recording", unit="episode"):
+        with reported_errors(task.policy, policy):
+            agent = learned_agents(task, policy)()
+            # HDF5 keeps no empty mapping, which the default door would be.
+            radius = door_config(dict(task.door_config)).radius
+            door = {"radius": radius, **task.door_config}
+            observation, _ = recorder.reset(
+                seed=task.reset_seed, options={"door": door}
+            )
+            agent.inform(inner.door_geometry)  # type: ignore[attr-defined]
+            agent.reset(observation)
+            ended = False
+            while not ended:
+                action = agent.act(observation).command(agent.control)
+                observation, _, terminated, truncated, _ = recorder.step(action)
+                ended = terminated or truncated
+        episode = recorder.episode
+        LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
+        yield episode

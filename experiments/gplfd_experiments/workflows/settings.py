@@ -12,33 +12,29 @@ class EpisodeSettings:
     """Policy, doors and circumstances of episodes."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters."""
+    """Doors to open: names (`gplfd list`), radii [m], or .json files."""
 
     policy: str = "gp"
-    """Policy to use: a name from `gplfd list`, or module:function for your own."""
+    """Policy: a name from `gplfd list`, or module:function for your own."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """Quantities that are drawn at random for each episode: none, mild, hard,
-    standard, or detector (with start approach); see `gplfd list`."""
+    """What is drawn at random for each episode; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
-    in front of it and first reaches for it."""
+    """The hand holds the handle, or the open hand first reaches for it."""
 
     robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or a .urdf or
-    .json of an arm (docs/environment.md), on a stand or, if needed, a mobile base."""
+    """Robot: tiago-like, panda-like, ur5e-like, or a .urdf or .json of an arm
+    (docs/environment.md)."""
 
     demonstrations_per_door: int = 2
-    """Number of demonstrations by the synthetic human on each of the three
-    demonstrated doors."""
+    """Demonstrations by the synthetic human on each of three doors."""
 
     demonstrated_forces: bool = False
-    """Demonstrations of the synthetic human include forces and moments of the hand."""
+    """These demonstrations include forces and moments of the hand."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,3 +53,20 @@ class RunSettings(EpisodeSettings):
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Also write a video of the episode in real time; for several doors, one file per
     door, FILE-DOOR.mp4. Needs pip install 'gplfd[video]'."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordSettings(EpisodeSettings):
+    """What is recorded as a data set."""
+
+    episodes: int = 1
+    """Episodes per door, 1 or more."""
+
+    seed: int = 0
+    """First seed, 0 or more."""
+
+    max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Truncate episodes after N steps; the environment's limit by default."""
+
+    overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Replace an existing data set."""

@@ -1,8 +1,9 @@
-"""Learns, stores and tests skills from files of demonstrations."""
+"""Learns, stores, tests and corrects skills."""
 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,49 +12,49 @@ from gplfd_experiments.analysis.report.predictions import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.episodes.task import named_doors
-from gplfd_experiments.files.plain_data import entry, read_json
+from gplfd_experiments.episodes.build import open_watched
+from gplfd_experiments.episodes.leading import corrected
+from gplfd_experiments.episodes.metrics import why_closed
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import text_table
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.tasks import recorded_tasks
-from gplfd_experiments.teaching.taught import read_taught
-from gplfd_experiments.workflows.runs import CONFIGURATION
+from gplfd_experiments.teaching.lesson import (
+    CorrectedSkill,
+    CorrectionLesson,
+    read_taught,
+)
+from gplfd_experiments.teaching.page import Session, serve
+from gplfd_experiments.workflows.runs import CONFIGURATION, check_frame
+from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.demonstrations.npz import (
     FIRST_POSE,
     FRAME,
     demonstrations_file,
     load_demonstrations,
 )
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.registry.catalogue import skill_method
+from gplfd_policies.registry.catalogue import method_and_skill, skill_method
 from gplfd_policies.registry.method import TrainingInput
 
 
 def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
     """Return the doors of a `gplfd run` or `demos teach`, as given by ``--doors``.
 
-    Empty for demonstrations that are not in the folder of such a command, and if
-    ``--doors`` would no longer accept one of the doors.
+    Empty for demonstrations that are not in the folder of such a command.
     """
     file = demonstrations_file(demonstrations)
-    record = file.with_name(CONFIGURATION)
     try:
-        if record.is_file():
-            config = entry(read_json(record), "config", dict[str, Any])
-            doors = entry(config, "doors", tuple[str, ...])
-            kept = entry(config, "demonstrations_of", dict[str, str])
-            names = [(name, doors) for name in kept if kept[name] == file.name]
-        else:
-            names = [(taught.name, taught.among) for taught in read_taught(file.parent)]
-        asked = [
-            dict(zip(named_doors(among), among, strict=True))[name]
-            for name, among in names
-        ]
+        config = read_json(file.with_name(CONFIGURATION))["config"]
+        files = config["demonstrations_of"].values()
+        doors = zip(config["doors"], files, strict=True)
+        return tuple(door for door, kept in doors if kept == file.name)
     except (OSError, ValueError, KeyError):
-        return ()
-    return tuple(dict.fromkeys(asked))
+        return tuple(dict.fromkeys(taught.name for taught in read_taught(file.parent)))
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
@@ -61,8 +62,6 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     check_least("--seed", seed, 0)
     method = skill_method(policy)
     check_folder(file.parent)
-    if file.is_dir():
-        raise ValueError(f"--out {file} is a folder; give a file")
     if file.resolve() == demonstrations_file(demonstrations).resolve():
         raise ValueError(f"--out {file} holds the demonstrations; give another file")
     labelled = load_demonstrations(demonstrations)
@@ -127,3 +126,63 @@ def judge(
     print(text_table(overview(study.recorded), columns))
 
     return errors
+
+
+Row = dict[str, str]
+
+
+def correct_skill(
+    file: Path,
+    out: Path,
+    *,
+    doors: Sequence[str],
+    policy: str,
+    seed: int,
+    page: Mapping[str, Any] | None = None,
+) -> tuple[Movement, list[Row]]:
+    """Open doors with a skill and correct it; return it, and a row of text per door.
+
+    A synthetic corrector leads the hand, or, with the device, host and port of a page,
+    a person in a browser. The corrected skill is written to another file after every
+    correction that is kept.
+    """
+    check_least("--seed", seed, 0)
+    check_folder(out.parent)
+    if out.exists():
+        raise ValueError(
+            f"{out} exists, and may hold corrections; give it as the SKILL to correct "
+            "it further, or another --out"
+        )
+    method, skill = method_and_skill(policy, file)
+    check_frame(skill.frame, file)
+    store = CorrectedSkill(method, skill, out)
+    tasks = [
+        episode_task(*door, policy=policy, seed=seed)
+        for door in named_doors(doors).items()
+    ]
+    if page is None:
+        return store.skill, [_corrected(task, store) for task in tasks]
+    lessons = [
+        partial(CorrectionLesson, task, store, page["device"], drawn=True)
+        for task in tasks
+    ]
+    serve(Session(lessons, store), "correct", **page)
+    return store.skill, [_row(correction, "kept") for correction in store.kept]
+
+
+def _corrected(task: EpisodeTask, store: CorrectedSkill) -> Row:
+    """Let the synthetic corrector watch an episode; return what happened."""
+    LOG.info("%s: watching", task.door)
+    agent, opened = store.method.follow(store.skill), partial(open_watched, task)
+    log, correction = corrected(agent, task.seed, task.door, opened)
+    if correction is None:
+        watched = why_closed(log.failure, log.reason) or "opened alone"
+        return {"door": task.door, "watched": watched, "then": "-"}
+    store.keep(correction)
+    alone = opened(store.method.follow(store.skill))
+    return _row(correction, why_closed(alone.failure, alone.reason) or "opened alone")
+
+
+def _row(correction: Correction, then: str) -> Row:
+    watched = f"led for {correction.seconds:.1f} s, phase {correction.phase:.2f}"
+    return {"door": correction.door, "watched": watched, "then": then}

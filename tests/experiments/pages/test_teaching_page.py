@@ -20,9 +20,13 @@ from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.teaching import page
-from gplfd_experiments.teaching.lesson import CorrectionLesson, DemonstrationLesson
+from gplfd_experiments.teaching.lesson import (
+    CorrectedSkill,
+    CorrectionLesson,
+    DemonstrationLesson,
+    TaughtSet,
+)
 from gplfd_experiments.teaching.page import Session, teach
-from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
 from gplfd_policies import load_skill
 from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.registry.catalogue import skill_method
@@ -77,22 +81,6 @@ def test_time_stands_still_while_the_page_is_silent(person: Any) -> None:
     person.now += 10.0
     assert person(sample=PULL)["time"] == pytest.approx(before + 0.1)
     assert person(sample=PULL)["time"] == pytest.approx(before + 0.13)
-
-
-def test_what_cannot_be_written_can_be_kept_later(
-    tmp_path: Path, person: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    person(sample=PULL, times=25)
-    with monkeypatch.context() as patch:
-        patch.setattr("gplfd_experiments.teaching.taught.write_archive", full)
-        state = person("keep")
-    assert "No space left" in state["message"]
-    assert (state["phase"], state["kept"]) == ("shown", 0)
-    assert person("keep")["kept"] == 1
-    assert len(TaughtSet(tmp_path, {}).kept) == 1
 
 
 def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(

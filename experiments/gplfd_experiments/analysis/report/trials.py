@@ -30,8 +30,15 @@ from gplfd_experiments.analysis.results.trials import (
     tier_runs,
 )
 from gplfd_experiments.files.table import Table
-from gplfd_experiments.studies.trials.protocol import SEEDS, TIERS, TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import RADIAL, Side, Trial
+from gplfd_experiments.studies.trials.protocol import (
+    RADIAL,
+    SEEDS,
+    TIERS,
+    TRIALS,
+    VERSION,
+    Side,
+    Trial,
+)
 
 _FORCE: Final = EPISODE_MEASURES[RADIAL]  # over opened doors
 _VERDICTS: Final = {

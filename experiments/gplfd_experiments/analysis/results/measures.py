@@ -13,7 +13,7 @@ from typing import Final, Literal, TypeVar
 from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_experiments.analysis.results.reading import EpisodeResult, TaskResult
 from gplfd_experiments.analysis.results.statistics import Shift, number_text, shift
-from gplfd_experiments.episodes.failures import why_closed
+from gplfd_experiments.episodes.metrics import why_closed
 from gplfd_experiments.studies.settings import Condition
 
 ADA_FORCE: Final = 22.2

@@ -15,9 +15,9 @@ from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.results.statistics import Key
 from gplfd_experiments.data.teacher import Habits, TeacherConfig
-from gplfd_experiments.episodes.failures import failure_name
+from gplfd_experiments.episodes.metrics import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
-from gplfd_experiments.files.plain_data import NewerFormatError, entry, read_json
+from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_experiments.studies.settings import Condition
 from gplfd_experiments.studies.store import POLICY_ERROR, STUDY, outcome, read_study
 from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
@@ -194,8 +194,6 @@ def read_results(*folders: Path) -> StudyResults:
     try:
         if (file := folders[0] / STUDY).exists():
             study = read_study(folders[0])
-    except NewerFormatError:
-        raise
     except (OSError, ValueError) as error:
         unreadable.append(_reason(file, error))
 

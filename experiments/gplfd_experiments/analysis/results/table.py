@@ -23,8 +23,7 @@ from gplfd_experiments.analysis.results.reading import (
     read_files,
 )
 from gplfd_experiments.analysis.results.statistics import success_rate
-from gplfd_experiments.episodes.failures import why_closed
-from gplfd_experiments.episodes.metrics import late_decisions
+from gplfd_experiments.episodes.metrics import late_decisions, why_closed
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.store import result_path

@@ -26,9 +26,16 @@ from gplfd_experiments.analysis.results.statistics import (
 )
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
+from gplfd_experiments.studies.trials.protocol import (
+    TIERS,
+    TRIALS,
+    VERSION,
+    Contrast,
+    Side,
+    Trial,
+    named_trials,
+    trial_tasks,
+)
 
 FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""

@@ -16,7 +16,7 @@ from gplfd_experiments.cli.commands.options import (
 )
 from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.data.settings import ImportSettings
-from gplfd_experiments.workflows.settings import EpisodeSettings
+from gplfd_experiments.workflows.settings import RecordSettings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,25 +46,17 @@ class Import(ImportSettings):
     quiet: Quiet = False
 
     def __post_init__(self) -> None:
-        """Check nothing: the settings that `execute` makes do, without the parser."""
+        """Check nothing; `execute` does."""
 
     def execute(self) -> int:
         """Make the set, print the report and the next commands."""
-        from gplfd_experiments.data.importing import (
-            PICTURE,
-            import_recordings,
-            report,
-        )
+        from gplfd_experiments.data.importing import PICTURE, import_recordings, report
         from gplfd_experiments.files.table import FIRST
 
         if not self.files:
             raise ValueError("give at least one file to import")
-        settings = ImportSettings(
-            **{
-                field.name: getattr(self, field.name)
-                for field in fields(ImportSettings)
-            }
-        )
+        names = [field.name for field in fields(ImportSettings)]
+        settings = ImportSettings(**{name: getattr(self, name) for name in names})
         motions, whole = import_recordings(
             self.files, self.out, settings, overwrite=self.overwrite
         )
@@ -122,7 +114,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Record(EpisodeSettings):
+class Record(RecordSettings):
     """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step
@@ -130,34 +122,19 @@ class Record(EpisodeSettings):
     for teacher, policy and environment.
     """
 
-    episodes: int = 1
-    """Episodes per door, 1 or more."""
-
-    seed: int = 0
-    """First seed, 0 or more."""
-
-    max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Truncate episodes after this number of steps; the environment's limit by
-    default."""
-
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Data set to write; results/demos/POLICY-v0 by default."""
-
-    overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Replace an existing data set."""
 
     quiet: Quiet = False
 
     def execute(self) -> int:
         """Record the data set and print its location."""
-        from gplfd_experiments.episodes.dataset import record_dataset
-        from gplfd_experiments.files.names import file_name
+        from gplfd_experiments.files.folders import file_name
+        from gplfd_experiments.workflows.runs import record_dataset
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
-        settings = {field.name: getattr(self, field.name) for field in fields(self)}
-        del settings["out"], settings["quiet"]
         options = recorded(self) | {"out": folder.name}
-        number = record_dataset(folder, **settings, options=options)
+        number = record_dataset(folder, self, options)
         print(f"{number} {'episode' if number == 1 else 'episodes'} in {folder}")
         print(f"look at them:  {next_command('demos', 'inspect', folder)}")
         return 0
@@ -233,7 +210,7 @@ class Doors:
     def execute(self) -> int:
         """Write the door and print properties that are lost."""
         from gplfd_experiments.data.doorbench import read_doorbench
-        from gplfd_experiments.files.names import file_name
+        from gplfd_experiments.files.folders import file_name
         from gplfd_experiments.files.plain_data import write_json
 
         found = read_doorbench(self.file)

@@ -1,5 +1,6 @@
-"""The command export: writes a skill in file formats for robots."""
+"""Commands for a robot: export, which writes a skill in file formats, and serve."""
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from gplfd_experiments.data.settings import POSE, numbers, of_text
-from gplfd_policies.serving.settings import OperatorLimits
+from gplfd_policies.serving.settings import OperatorLimits, ServeSettings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,9 +65,9 @@ class Export(OperatorLimits):
 
     def execute(self) -> int:
         """Write the files and print their contents."""
-        from gplfd_experiments.workflows.dry_run import dry_run
         from gplfd_experiments.workflows.exports import (
             LimitsExceededError,
+            dry_run,
             export_skill,
         )
 
@@ -100,4 +101,39 @@ class Export(OperatorLimits):
             f"{about['demonstrated_until_s']:.2f} s, stiffness up to "
             f"{path.stiffness[:, :3].max():.0f} N/m"
         )
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Serve(ServeSettings):
+    """Serve an agent to a robot: observations in, commands out, line by line.
+
+    The protocol, its states and its limits are in docs/serving.md. The process never
+    loads MuJoCo. By default, a policy learns from the synthetic human's demonstrations
+    of doors with a bar.
+    """
+
+    source: tyro.conf.Positional[str] = dataclasses.field(
+        metadata={"help": "Skill file (.npz of `gplfd learn`), or name of a policy."}
+    )
+
+    def execute(self) -> int:
+        """Serve until the client or Ctrl-C ends it."""
+        from gplfd_experiments.data.teacher import Teacher
+        from gplfd_experiments.data.teacher.handle_motion import with_reaches
+        from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+        from gplfd_policies.serving.server import serve
+
+        demonstrations = None
+        if self.demonstrations is None and not self.source.endswith(".npz"):
+            teacher = Teacher()
+            openings = teacher.standard_demonstrations(seed=self.seed)
+            radii = (None,) * len(openings)
+            demonstrations = LabelledDemonstrations(
+                demonstrations=openings, radii=radii
+            )
+            if self.start == "approach":
+                reaches = teacher.standard_reaches(seed=self.seed)
+                demonstrations = with_reaches(reaches, openings, radii)
+        serve(self, demonstrations)
         return 0

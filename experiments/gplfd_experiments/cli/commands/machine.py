@@ -16,7 +16,7 @@ class Catalogue:
 
     def execute(self) -> int:
         """Print the catalogue."""
-        from gplfd_experiments.cli.catalogue import catalogue
+        from gplfd_experiments.cli.doctor import catalogue
         from gplfd_experiments.files.plain_data import json_text
 
         sections = catalogue()

@@ -2,8 +2,6 @@
 
 import dataclasses
 import shlex
-import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -41,10 +39,7 @@ ON_THIS_MACHINE: Final = Engine()
 
 
 def recorded(options: Any) -> dict[str, Any]:
-    """Return a subcommand's options as JSON-able data for its results.
-
-    Shared options are on the same level as its own options.
-    """
+    """Return a subcommand's options, also shared ones, as JSON-able data."""
     settings = dataclasses.asdict(options)
     shared = settings.pop("where", {})
     return {
@@ -54,10 +49,7 @@ def recorded(options: Any) -> dict[str, Any]:
 
 
 def open_command(skill: Path, doors: Sequence[str], policy: str) -> str:
-    """Return the command that opens doors with a skill of a policy.
-
-    Without doors, the default doors of `gplfd run` are used.
-    """
+    """Return the command that opens doors, or the default ones, with a skill."""
     named = ("--doors", *doors) if doors else ()
     followed = () if policy == "gp" else ("--policy", policy)
     return next_command("run", "--skill", skill, *named, *followed)
@@ -70,12 +62,5 @@ def learn_command(folder: Path) -> str:
 
 
 def next_command(*words: object) -> str:
-    """Return a command line of this program, with the name by which it was started.
-
-    Without an activated environment the name is not just ``gplfd``, because the
-    program's folder is not on the search path.
-    """
-    program = sys.argv[0]
-    if Path(program).stem != "gplfd" or shutil.which("gplfd"):
-        program = "gplfd"
-    return shlex.join([program, *map(str, words)])
+    """Return a command line of this program."""
+    return shlex.join(["gplfd", *map(str, words)])

@@ -46,8 +46,7 @@ class Run(RunSettings):
         from gplfd_experiments.analysis.results.table import run_table
         from gplfd_experiments.console.progress import LOG
         from gplfd_experiments.episodes.metrics import late_decisions
-        from gplfd_experiments.files.folders import folder_in_use
-        from gplfd_experiments.files.names import file_name
+        from gplfd_experiments.files.folders import file_name, folder_in_use
         from gplfd_experiments.files.plain_data import json_text
         from gplfd_experiments.files.table import FIRST, text_table
         from gplfd_experiments.workflows.runs import open_doors
@@ -119,10 +118,7 @@ class Learn:
 
     def execute(self) -> int:
         """Learn, and print how to use the file."""
-        from gplfd_experiments.workflows.skills import (
-            demonstrated_doors,
-            learn_skill,
-        )
+        from gplfd_experiments.workflows.skills import demonstrated_doors, learn_skill
 
         out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
         skill = learn_skill(

@@ -1,4 +1,4 @@
-"""Commands for studies: benchmark, trials, skill, tune, report and figures."""
+"""Commands for studies: benchmark, trials, skill, report and figures."""
 
 import contextlib
 import dataclasses
@@ -78,11 +78,11 @@ class Benchmark:
         if self.json:
             print(json_text(rows))
         else:
-            report = next_command("report", self.out)
             columns = None if self.all else FIRST
             for part in parts:
                 text = part if isinstance(part, str) else text_table(part, columns)
                 print(f"{text}\n")
+            report = next_command("report", self.out)
             print(f"results are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
 
@@ -97,19 +97,15 @@ class Trials:
     """
 
     trials: tuple[str, ...] = ()
-    """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
-    locked, heavy, breakaway, delay, noise, motions, buildings, handle-pose, two-modes,
-    few-doors, another-handle, corrections, forces-weight, forces-closer,
-    forces-person, forces-blocked, forces-seal); by default all of the part."""
+    """Trials to run, such as radius or heavy (docs/trials.md); by default all of the
+    part."""
 
     policies: tuple[str, ...] = ()
-    """Additional policies: names from `gplfd list`, or module:function for your
-    own."""
+    """Additional policies: names from `gplfd list`, or module:function."""
 
     part: Literal["whole", "ideas", "small"] = "whole"
-    """whole: the whole protocol; ideas: only gp, hinge-fit and the variants that lack
-    an idea; small: six seeds of the strongest contrasts of five trials, for a first
-    look."""
+    """whole: all policies; ideas: gp, hinge-fit and the variants that lack an idea;
+    small: six seeds of the strongest contrasts of five trials, for a first look."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to; an unfinished study in it is resumed."""
@@ -125,16 +121,13 @@ class Trials:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Run the trials and return `FAILED` if an episode failed.
-
-        As JSON it prints the content of trials.json as written by `gplfd report`.
-        """
+        """Run the trials; as JSON, print trials.json as `gplfd report` writes it."""
         from gplfd_experiments.analysis.results.reading import read_results
         from gplfd_experiments.analysis.results.trials import trial_answers
         from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.plain_data import json_text
         from gplfd_experiments.studies.runner import run_or_resume
-        from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+        from gplfd_experiments.studies.trials.protocol import named_trials, trial_tasks
 
         tasks = trial_tasks(
             named_trials(self.trials, self.part),
@@ -165,8 +158,7 @@ class SkillTests:
     recordings: Annotated[
         Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
     ]
-    """File of demonstrations, such as demonstrations.npz of a `gplfd run`; at least
-    three."""
+    """File of three or more demonstrations, such as that of a `gplfd run`."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME,)
     """Methods to compare; see `gplfd list`. "table-1" stands for the nine of the
@@ -216,15 +208,13 @@ class Report:
     folders: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="DIR")
     ]
-    """Folder of a `gplfd benchmark` or `gplfd trials`; the results of several folders
-    are combined."""
+    """Folders of studies or trials; their results are combined."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; the folder of the first study by default."""
 
     check: bool = False
-    """Write nothing; check whether the results follow the protocol of the trials (exit
-    status 1 if they do not)."""
+    """Write nothing; exit with status 1 unless the results follow the protocol."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Policy with which the others are compared; the best if the study lacks it."""
@@ -270,9 +260,8 @@ class Report:
 class Figures:
     """Draw the paper's figures from this project's own runs.
 
-    Writes DIR/<figure>.png and .svg, DIR/captions.md (descriptions and numbers),
-    DIR/figures.json (versions, command, settings) and, in DIR/logs, the runs for the
-    figures; the next call with the same settings reuses them.
+    Writes DIR/<figure>.png and .svg, DIR/captions.md (descriptions and numbers) and
+    DIR/figures.json (versions, command, settings).
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/figures")
@@ -290,8 +279,7 @@ class Figures:
         """Draw the figures and print their location."""
         from gplfd_experiments.workflows.figures import draw_figures
 
-        number = draw_figures(
-            self.out, self.only, seed=self.seed, options=recorded(self)
-        )
+        options = recorded(self)
+        number = draw_figures(self.out, self.only, seed=self.seed, options=options)
         print(f"{number} figures and captions.md in {self.out}")
         return 0

@@ -49,8 +49,7 @@ class Teach(PageOptions):
     """Folder to write, or an existing set of this command to which more is added."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to teach at, in turn: names (see `gplfd list`), radii in metres, or .json
-    files of door parameters."""
+    """Doors to teach at, in turn: names, radii [m], or .json files."""
 
     device: Device = "mouse"
     """Input device that leads the hand. A SpaceMouse needs Chrome or Edge."""
@@ -81,12 +80,10 @@ class Correct(PageOptions):
     """Skill to correct, a file written by `gplfd learn`; it is not changed."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters, of the kind that the skill was learned for."""
+    """Doors to open, of the kind that the skill was learned for."""
 
     device: Device | None = None
-    """Your input device; without this option, a synthetic corrector leads the hand. A
-    SpaceMouse needs Chrome or Edge."""
+    """Your input device; without it, a synthetic corrector leads the hand."""
 
     policy: str = "gp"
     """Policy that follows the skill and is corrected: gp or one of its variants."""
@@ -95,8 +92,7 @@ class Correct(PageOptions):
     """Seed of the corrector and the episodes, 0 or more."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File of the corrected skill, SKILL-corrected.npz by default; an existing file is
-    an error."""
+    """New file of the corrected skill, SKILL-corrected.npz by default."""
 
     quiet: Quiet = False
 
@@ -104,7 +100,7 @@ class Correct(PageOptions):
         """Correct the skill, and print what changed."""
         page = None if self.device is None else self.page(self.device)
         from gplfd_experiments.files.table import Table, text_table
-        from gplfd_experiments.workflows.corrections import correct_skill
+        from gplfd_experiments.workflows.skills import correct_skill
 
         out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
         skill, rows = correct_skill(

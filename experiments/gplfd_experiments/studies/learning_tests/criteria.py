@@ -5,13 +5,11 @@ from Demonstration*, arXiv:2002.09979; the criteria are for this project's metho
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, Final, NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
+class Limit(NamedTuple):
     """Limits of a metric of a learning test, with its name and unit as text."""
 
     metric: str
@@ -20,110 +18,104 @@ class Limit:
     high: float = math.inf
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Criterion:
-    """A row of Table 1."""
+class Criterion(NamedTuple):
+    """A row of Table 1: its limits, a sentence, and policies with the paper's mark."""
 
     row: str
     limits: tuple[Limit, ...]
     """All limits must hold; the first has the number of the row."""
     sentence: str
-    paper: frozenset[str]
-    """Policies with the paper's mark."""
+    paper: Set[str]
 
 
 class Mark(NamedTuple):
-    """Mark of a method in a row."""
+    """Mean of the number of a row, and whether all limits hold; None without one."""
 
     value: float | None
-    """Mean of the number of the row; None without a number."""
     passed: bool | None
-    """Whether all limits hold; None without a measurement."""
 
 
-_GAUSSIAN_PROCESSES: Final = frozenset({"local-gp", "wishart-gp"})
-_OURS: Final = frozenset({"gp-paper", "gp"})
+_OURS: Final = {"gp-paper", "gp", "gmm-gp"}
+_UNCERTAIN: Final = _OURS | {"local-gp", "wishart-gp", "kmp"}
 
 CRITERIA: Final[Mapping[str, Criterion]] = {
     criterion.row: criterion
     for criterion in (
         Criterion(
-            row="High-dimensional Learning",
-            limits=(
+            "High-dimensional Learning",
+            (
                 Limit(
                     "outputs_nlpd_change",
                     "NLPD of z with six outputs less that with two",
                     high=0.3,
                 ),
             ),
-            sentence="Learning six outputs instead of two makes the density of one of "
-            "them worse by at most 0.3 per number, what a standard deviation twice too "
+            "Learning six outputs instead of two makes the density of one of them "
+            "worse by at most 0.3 per number, what a standard deviation twice too "
             "large costs.",
-            paper=_OURS | _GAUSSIAN_PROCESSES | {"gmr", "kmp", "gmm-gp"},
+            _UNCERTAIN | {"gmr"},
         ),
         Criterion(
-            row="Via-point Adaptation",
-            limits=(
+            "Via-point Adaptation",
+            (
                 Limit("via_error_strict_position_m", "missed by [m]", high=0.002),
                 Limit("via_error_strict_rotation_rad", "by [rad]", high=0.02),
                 Limit("via_far_error", "far error, of that before", high=1.05),
             ),
-            sentence="Three poses of a demonstration that was not learned from, "
-            "demanded to 0.1 mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and "
-            "one of them brings the mean farther away than 0.3 of the task to at most "
-            "1.05 times its distance from that demonstration, in standard deviations.",
-            paper=_OURS | {"promp", "kmp", "gmm-gp"},
+            "Three poses of a demonstration that was not learned from, demanded to 0.1 "
+            "mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and one of them brings "
+            "the mean farther away than 0.3 of the task to at most 1.05 times its "
+            "distance from that demonstration, in standard deviations.",
+            _OURS | {"promp", "kmp"},
         ),
         Criterion(
-            row="Task Variability",
-            limits=(
-                Limit("spread_followed", "correlation of std and spread", low=0.5),
-            ),
-            sentence="Along the task the logarithms of the standard deviation and of "
-            "the demonstrations' spread correlate by at least 0.5; one level "
-            "throughout has 0 and a copy 1.",
-            paper=_OURS | _GAUSSIAN_PROCESSES | {"promp", "gmr", "kmp", "gmm-gp"},
+            "Task Variability",
+            (Limit("spread_followed", "correlation of std and spread", low=0.5),),
+            "Along the task the logarithms of the standard deviation and of the "
+            "demonstrations' spread correlate by at least 0.5; one level throughout "
+            "has 0 and a copy 1.",
+            _UNCERTAIN | {"promp", "gmr"},
         ),
         Criterion(
-            row="Prediction Uncertainty",
-            limits=(
+            "Prediction Uncertainty",
+            (
                 Limit(
                     "uncertainty_growth",
                     "growth of the std beyond the demonstrations",
                     low=1.5,
                 ),
             ),
-            sentence="Half as far beyond the end of the demonstrations as they are "
-            "long, the standard deviation of what moves is at least 1.5 times that at "
-            "their end; a method that keeps their spread has 1.",
-            paper=_OURS | _GAUSSIAN_PROCESSES | {"kmp", "gmm-gp"},
+            "Half as far beyond the end of the demonstrations as they are long, the "
+            "standard deviation of what moves is at least 1.5 times that at their end; "
+            "a method that keeps their spread has 1.",
+            _UNCERTAIN,
         ),
         Criterion(
-            row="Prior Information",
-            limits=(
+            "Prior Information",
+            (
                 Limit(
                     "prior_mean_used",
                     "return to a prior mean far beyond the demonstrations",
                     low=0.9,
                 ),
             ),
-            sentence="Given a prior mean 0.1 m and 0.3 rad beside the demonstrations, "
-            "the prediction goes at least 0.9 of the way back to it far beyond them.",
-            paper=_OURS | _GAUSSIAN_PROCESSES | {"gmm-gp"},
+            "Given a prior mean 0.1 m and 0.3 rad beside the demonstrations, the "
+            "prediction goes at least 0.9 of the way back to it far beyond them.",
+            _UNCERTAIN - {"kmp"},
         ),
         Criterion(
-            row="Task Space Rotations",
-            limits=(
+            "Task Space Rotations",
+            (
                 Limit(
                     "tumbling_error",
                     "error of the mean orientation [std of a demonstration]",
                     high=1.0,
                 ),
             ),
-            sentence="The mean orientation of demonstrations that turn by more than π "
-            "about changing axes is no farther from the true one than a single "
-            "demonstration is. All methods are given unwrapped rotation vectors.",
-            paper=_OURS | {"dmp", "promp", "gmr", "kmp"},
+            "The mean orientation of demonstrations that turn by more than π about "
+            "changing axes is no farther from the true one than a single demonstration "
+            "is. All methods are given unwrapped rotation vectors.",
+            {"gp-paper", "gp", "dmp", "promp", "gmr", "kmp"},
         ),
     )
 }

@@ -4,24 +4,104 @@ The trials are in ``protocol.toml``. The protocol is frozen under its version: a
 of a door, a draw, a demonstration, a measure or a policy that takes part makes another
 version. The criteria were settled before the trials were run.
 
-All random draws of a seed are equal for all policies, so policies are compared per
-seed. A policy's number is its mean over the doors and levels of a seed. For the
-differences of two policies, the Hodges-Lehmann estimate is given with its exact 95 %
-interval (signed ranks). An idea shows in a contrast if the interval excludes zero on
-the side of the policy with the idea. With ten seeds an effect as large as the
-differences' standard deviation is found in 78 of 100 repetitions, one 1.2 times as
-large in 90 (1,500 simulated each).
+All random draws of a seed are equal for all policies, which are compared per seed by
+their mean over doors and levels. An idea shows in a contrast if the exact 95 % interval
+of the Hodges-Lehmann estimate (signed ranks) excludes zero on its side. With ten seeds
+an effect of a standard deviation of the differences is found in 78 of 100 repetitions.
 """
 
+import itertools
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
+from gplfd_env.conventions.constants import Start
+from gplfd_env.validation.named import nearest_name
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_policies.registry.built_in import TABLE_1, tuned_settings
+
+RADIAL: Final = "force_radial_peak"
+"""Measure that decides most trials of a gentle opening."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Level:
+    """One setting of a trial; other fields are as in `episodes.task.EpisodeTask`."""
+
+    doors: tuple[str, ...]
+    """Names of doors, or radii [m] as text."""
+    door: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of every door's configuration that differ from the preset."""
+    randomization: str | Mapping[str, Any] = "none"
+    disturbance: str | Mapping[str, Any] = "none"
+    demonstrated_radii: tuple[float, ...] | None = DEMONSTRATED_RADII
+    """None: those of the three demonstrated doors for a door of this kind."""
+    demonstrated_kind: Mapping[str, str] | None = None
+    """None: the kind of the opened door."""
+    demonstrated_hardware: tuple[Mapping[str, Any], ...] = ()
+    start: Start = "grasped"
+    demonstrations_per_door: int = 2
+    teacher: Mapping[str, float] = field(default_factory=dict)
+    """Fields of the teacher that differ from the standard one."""
+    habits: Mapping[str, Any] | None = None
+    demonstrated_forces: bool = False
+    prior_radius: float | None = None
+    """Only methods that accept a prior mean take part."""
+    corrections: int = 0
+    """Before the episode; with any, only policies that can be corrected take part."""
+    demonstrated: bool = False
+    """As in `gplfd_experiments.episodes.leading.Practice`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Side:
+    """A policy at a level of a trial; at all levels together by default."""
+
+    policy: str
+    level: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.policy}, {self.level}" if self.level else self.policy
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Contrast:
+    """Comparison by a measure of two policies that differ only in one idea."""
+
+    idea: str
+    measure: str
+    having: Side
+    lacking: Side
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Trial:
+    """A question that episodes answer."""
+
+    question: str
+    levels: Mapping[str, Level]
+    """Settings by name, in the order in which they are shown."""
+    measures: Sequence[str] = ("success", "force_handle_peak")
+    """Metrics of episodes that answer it, the deciding one first."""
+    contrasts: tuple[Contrast, ...] = ()
+    """Contrasts that this trial decides."""
+    extra_policies: Sequence[str] = ()
+    """Policies that take part besides those of every trial and of the contrasts."""
+    only_policies: Sequence[str] = ()
+    """In the whole protocol, these replace the policies of every trial."""
+    tuned: bool = False
+    """Whether tuned methods also take part, because learning decides the trial."""
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Policies of this trial, besides those of every trial."""
+        lacking = (contrast.lacking.policy for contrast in self.contrasts)
+        return (*lacking, *self.extra_policies)
+
 
 VERSION: Final = 9
 """Of the protocol."""
@@ -36,9 +116,7 @@ EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 """Policies that take part in every trial."""
 
 TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
-"""Methods with settings by tuning. They take part in trials of the whole protocol
-in which learning decides; of the controller, which decides the other trials, only the
-resolution of the stiffness law is chosen for each method."""
+"""Tuned methods take part in trials of the whole protocol in which learning decides."""
 
 ProtocolPart = Literal["whole", "ideas", "small"]
 """Of the protocol."""
@@ -55,26 +133,23 @@ class PartPlan:
     variants."""
 
 
-PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
-    {
-        "whole": PartPlan(seeds=SEEDS, everywhere=EVERYWHERE),
-        "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),
-        "small": PartPlan(
-            seeds=6,
-            everywhere=("gp", "hinge-fit"),
-            variants={
-                "radius": ("gp-fixed",),
-                "turned": ("gp-position-only",),
-                "person": ("gp-constant-500", "gp-carried-load"),
-                "locked": ("gp-constant-500", "gp-carried-load"),
-                "heavy": ("gp-constant-100", "gp-carried-load"),
-            },
-        ),
-    }
-)
-"""The parts by name. Contrasts of "ideas" are decided as in the whole protocol. The
-small part is a first look at the strongest contrasts of docs/results/trials-v9.json,
-with the smallest number of seeds that gives an interval; it decides nothing."""
+PARTS: Final[Mapping[ProtocolPart, PartPlan]] = {
+    "whole": PartPlan(seeds=SEEDS, everywhere=EVERYWHERE),
+    "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),
+    "small": PartPlan(
+        seeds=6,
+        everywhere=("gp", "hinge-fit"),
+        variants={
+            "radius": ("gp-fixed",),
+            "turned": ("gp-position-only",),
+            "person": ("gp-constant-500", "gp-carried-load"),
+            "locked": ("gp-constant-500", "gp-carried-load"),
+            "heavy": ("gp-constant-100", "gp-carried-load"),
+        },
+    ),
+}
+"""The parts by name. "ideas" decides its contrasts as the whole protocol does. "small",
+with the fewest seeds that give an interval, is a first look at strong contrasts."""
 
 CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
 """`gp` at constant stiffnesses."""
@@ -140,29 +215,116 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
         )
 
 
-TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
-    dict(
-        _trials(
-            tomllib.loads(Path(__file__).with_name("protocol.toml").read_text("utf-8"))
-        )
-    )
+TRIALS: Final[Mapping[str, Trial]] = dict(
+    _trials(tomllib.loads(Path(__file__).with_name("protocol.toml").read_text("utf-8")))
 )
 """Every trial by its name."""
 
-TIERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "furniture": ("radius", "further", "few", "messy", "rests", "turned", "heavy"),
-        "buildings": ("buildings",),
-        "other motions": ("motions",),
-        "realistic conditions": (
-            *("handle-pose", "two-modes", "few-doors", "another-handle"),
-        ),
-        "forces": (
-            *("forces-weight", "forces-closer", "forces-person"),
-            *("forces-blocked", "forces-seal"),
-        ),
+TIERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "furniture": ("radius", "further", "few", "messy", "rests", "turned", "heavy"),
+    "buildings": ("buildings",),
+    "other motions": ("motions",),
+    "realistic conditions": (
+        *("handle-pose", "two-modes", "few-doors", "another-handle"),
+    ),
+    "forces": (
+        *("forces-weight", "forces-closer", "forces-person"),
+        *("forces-blocked", "forces-seal"),
+    ),
+}
+"""Names of trials by tier. In "furniture" the share of opened doors separated pairs of
+methods other than `gp-paper` in protocol v2 (signed ranks of 20 seeds, Holm, 5 %)."""
+
+
+def named_trials(
+    names: Sequence[str], part: ProtocolPart = "whole"
+) -> dict[str, Trial]:
+    """Return trials by name; without names, all trials of a part of the protocol."""
+    for name in names:
+        if name not in TRIALS:
+            raise ValueError(
+                f"unknown trial {name!r}{nearest_name(name, TRIALS)}; trials: "
+                f"{', '.join(TRIALS)}"
+            )
+        if list(names).count(name) > 1:
+            raise ValueError(f"trial {name} is given twice")
+    return {name: TRIALS[name] for name in names or PARTS[part].variants or TRIALS}
+
+
+_PLAIN: Final = (
+    *("demonstrations_per_door", "randomization", "disturbance", "start", "habits"),
+    *("demonstrated_forces", "prior_radius"),
+)  # Fields of a level that a task has, too.
+
+
+def trial_tasks(
+    trials: dict[str, Trial],
+    *,
+    policies: Sequence[str] = (),
+    part: ProtocolPart = "whole",
+    only: Sequence[str] = (),
+    seeds: int | None = None,
+    robot: str = "tiago-like",
+) -> tuple[EpisodeTask, ...]:
+    """Return the episodes of trials; the seed varies slowest.
+
+    ``only`` replaces the policies, without levels in which one of them cannot take
+    part. ``seeds`` replaces the number of seeds of the part. Another `robot` opens the
+    same doors.
+    """
+    plan = PARTS[part]
+    tuned = TUNED if part == "whole" else ()
+    doors = {
+        (name, title): {
+            door: config.replaced(level.door)
+            for door, config in named_doors(level.doors, robot=robot).items()
+        }
+        for name, trial in trials.items()
+        for title, level in trial.levels.items()
     }
-)
-"""Names of trials by tier. The tier furniture has the trials of protocol v2 in which
-the share of opened doors separates pairs of methods other than `gp-paper` (signed ranks
-of 20 seeds, Holm, 5 %). A tier without trials is not run yet."""
+    tasks: list[EpisodeTask] = []
+    numbers = range(plan.seeds if seeds is None else seeds)
+    for seed, (name, trial) in itertools.product(numbers, trials.items()):
+        variants = plan.variants.get(name, trial.own)
+        everywhere: Sequence[str] = plan.everywhere
+        if part == "whole" and trial.only_policies:
+            everywhere = trial.only_policies
+        competing = (*everywhere, *variants, *(tuned if trial.tuned else ()), *policies)
+        every = dict.fromkeys(only or competing)
+        for policy, (title, level) in itertools.product(every, trial.levels.items()):
+            rivals = [chosen(rival) for rival in only or (policy,)]
+            if level.prior_radius is not None and not all(
+                rival.accepts_prior_mean for rival in rivals
+            ):
+                continue
+            if level.corrections and not all(rival.correctable for rival in rivals):
+                continue
+            opened = doors[name, title]
+            fields: dict[str, Any] = {field: getattr(level, field) for field in _PLAIN}
+            if level.demonstrated_radii is not None:
+                fields["demonstrated_radii"] = level.demonstrated_radii
+                fields["demonstrated_hardware"] = level.demonstrated_hardware
+            if level.demonstrated_kind is not None:
+                fields["demonstrated_kind"] = level.demonstrated_kind
+            if level.corrections:
+                fields["practice"] = {
+                    "corrections": level.corrections,
+                    "doors": [config.as_dict() for config in opened.values()],
+                    "randomization": level.randomization,
+                    "demonstrated": level.demonstrated,
+                }
+            tasks += [
+                episode_task(
+                    door,
+                    config,
+                    **policy_fields(policy),
+                    seed=seed,
+                    teacher=standard_teacher() | dict(level.teacher),
+                    robot=robot,
+                    trial=name,
+                    level=title,
+                    **fields,
+                )
+                for door, config in opened.items()
+            ]
+    return tuple(tasks)
