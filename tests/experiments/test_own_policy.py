@@ -169,8 +169,8 @@ def test_the_file_travels_to_where_it_is_missing(module, elsewhere):
     stored = task_from(json.loads(json.dumps(task.definition)))
     assert isinstance(stored, EpisodeTask)
     elsewhere()
+    with pytest.raises(ValueError, match="there is no module"):
+        policy_of(stored, NO_FILES)
     policy = policy_of(stored, files)
     assert policy.summary == "Stays where it is."
     assert source_of(policy) == task.policy_source
-    with pytest.raises(ValueError, match="there is no module"):
-        policy_of(stored, NO_FILES)
