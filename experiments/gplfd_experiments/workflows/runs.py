@@ -77,15 +77,14 @@ def open_doors(
     kind. If the policy raises an error in acting, the other doors are still opened.
     Nothing is written before the first episode has ended. The options are stored.
     """
-    # A policy may change the working folder.
     paths = {name: getattr(settings, name) for name in ("demonstrations", "skill")}
     absolute = {name: path and path.absolute() for name, path in paths.items()}
     folder, settings = folder.absolute(), replace(settings, **absolute)
-    policy = policy_named(settings.policy)
-    fields: dict[str, Any] = {"disturbance": settings.disturbance}
+    policy = policy_named(settings.policy)  # It may change the working folder.
+    fields: Any = {"disturbance": settings.disturbance}
+    fields["policy_source"] = source_of(policy)
     if settings.demonstrations is not None:
         fields["demonstrations_per_door"] = 2
-    fields["policy_source"] = source_of(policy)
     tasks = episode_tasks(settings, [settings.seed], **fields)
     _check_source(settings, tasks)
     videos: dict[str, Path] = {}
