@@ -181,7 +181,7 @@ REFUSED = [
     ("demos record --randomization detector", "approach"),
     ("learn demos.npz --out demos.npz", "holds the demonstrations; give another file"),
     ("demos record --policy oracle --out taken-v0", "taken-v0 exists and is no data"),
-    ("demos import a.csv --out s --frame 1,2,3", "or a pose x,y,z,qw"),
+    ("demos import a.csv --out s --frame 1,2,3", "or a pose x,y,z"),
     ("demos import a.csv --out s", "a.csv cannot be read as a table in a text file"),
     ("view nothing.rrd", "there is no file nothing.rrd; `gplfd run` writes"),
     ("view folder/a.rrd", "rerun --serve-web --bind 127.0.0.1 folder/a.rrd"),

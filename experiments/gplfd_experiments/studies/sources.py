@@ -6,6 +6,7 @@ the policy changes, ends, forks or never returns from is then its own: the state
 NumPy, working folder, random numbers, modules, signals and files of the caller stay.
 """
 
+import atexit
 import contextlib
 import functools
 import math
@@ -39,8 +40,13 @@ _ENDLESS: Final = (
 _ALARM: Final = getattr(signal, "SIGALRM", None)  # not on Windows
 _CHILD: Final = "from gplfd_experiments.studies.sources import child; child()"
 
-_processes: dict[Hashable, "subprocess.Popen[bytes]"] = {}
-# They wait for a call, and end with this process.
+_processes: dict[Hashable, "subprocess.Popen[bytes]"] = {}  # They wait for a call.
+
+
+@atexit.register
+def _end() -> None:
+    for process in _processes.values():
+        process.communicate()
 
 
 class ProcessEndedError(Exception):

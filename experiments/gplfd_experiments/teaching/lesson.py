@@ -51,7 +51,7 @@ class Taught:
     """Name of the door."""
     door: DoorConfig
     inputs: Float[np.ndarray, "N 9"]
-    """A sample of the device per control period, `teaching.lead.INPUTS`."""
+    """A sample of the device per control period, `INPUTS`."""
     recorded: Demonstration
     """Motion and wrenches of the hand, N + 1 samples from the closed handle on."""
 
