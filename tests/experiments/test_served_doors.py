@@ -19,8 +19,7 @@ from gplfd_experiments.recording import viewer
 from gplfd_policies import TrainingInput
 from gplfd_policies.registry.catalogue import method_and_skill, skill_method
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
-from gplfd_policies.serving.protocol import encode
-from gplfd_policies.serving.server import read_journal
+from gplfd_policies.serving.protocol import encode, read_journal
 
 pytestmark = pytest.mark.slow
 

@@ -25,14 +25,16 @@ from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
-from gplfd_policies.serving.protocol import Link, array, decode, encode, numbers
-from gplfd_policies.serving.server import (
+from gplfd_policies.serving.protocol import (
     Journal,
-    Server,
-    handle,
-    listening,
+    Link,
+    array,
+    decode,
+    encode,
+    numbers,
     read_journal,
 )
+from gplfd_policies.serving.server import Server, handle, listening
 from gplfd_policies.serving.session import (
     Session,
     exceeded,

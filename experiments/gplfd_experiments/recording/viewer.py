@@ -18,7 +18,7 @@ from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.panels import Line, Plot, series
 from gplfd_experiments.recording.stream import moving, write_recording
 from gplfd_policies.arrays.storage import regular_file
-from gplfd_policies.serving.server import BEGINNING, read_journal
+from gplfd_policies.serving.protocol import BEGINNING, read_journal
 
 _LINES: Final = (
     Line("x", colours.AXIS_X),

@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from scipy.cluster.hierarchy import fcluster, linkage
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_steps
@@ -279,11 +278,13 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
     sizes = np.stack([np.maximum(moved, _LEAST[0]), turned], axis=1)
     scaled = poses / np.repeat(sizes, 3, axis=1)[:, None, :]
     shapes: Float[np.ndarray, "K S"] = scaled.reshape(count, -1)
-    tree = linkage(shapes / np.sqrt(poses.shape[1]), method="ward")
+    tree = scipy.cluster.hierarchy.linkage(
+        shapes / np.sqrt(poses.shape[1]), method="ward"
+    )
     # A merger at the height h adds h²/2 to W; without any, W is zero.
     within = np.cumsum([0.0, *(0.5 * tree[:, 2] ** 2)])[::-1]
     modes = np.arange(1, count + 1)
     best = int(modes[np.argmin(within / WITHIN**2 + modes * np.log(count))])
-    labels = fcluster(tree, best, criterion="maxclust")
+    labels = scipy.cluster.hierarchy.fcluster(tree, best, criterion="maxclust")
     members = [tuple(np.flatnonzero(labels == label).tolist()) for label in set(labels)]
     return tuple(sorted(members, key=lambda numbers: (-len(numbers), numbers)))

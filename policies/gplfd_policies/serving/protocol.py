@@ -1,14 +1,17 @@
-"""Messages of the line protocol: one JSON object per line, checked, and their transfer.
+"""Messages of the line protocol, one JSON object per line: checks, transfer, journal.
 
 Numbers are transferred bit for bit. docs/serving.md has the tables of all messages.
 """
 
+import io
 import itertools
 import json
 import math
 import os
 import select
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -33,6 +36,11 @@ UNITS: Final = {
 
 MOST_TURNED: Final = 7.0
 """Greatest component of a rotation vector, unless the agent turns by more [rad]."""
+
+BEGINNING: Final = b'{"journal":1'
+"""Beginning of the first line of every run."""
+LARGEST: Final = 2**30
+"""Greatest size of a file [bytes]: at least an hour with all quantities explained."""
 
 _FINITE: Final = Range(low=-1e300, high=1e300)
 _RANGES: Final = {
@@ -162,3 +170,62 @@ class Link:
         except OSError:
             self.closed = True
         self.closed |= len(self._unsent) > _MOST_UNSENT
+
+
+class Journal:
+    """Appends to a file that only the user can read; does nothing without a path."""
+
+    def __init__(self, path: Path | None, about: Mapping[str, Any]) -> None:
+        self._file: io.FileIO | None = None
+        if path is not None:
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
+            self._file = os.fdopen(file, "ab", buffering=0)
+            # A kill may have truncated the last line of the last run.
+            begun = b"\n" if self._file.tell() else b""
+            self._file.write(begun + encode({"journal": 1, **about}))
+
+    def write(
+        self,
+        at: float,
+        received: bytes | str | None,
+        replies: Sequence[Mapping[str, Any]],
+        took: float,
+    ) -> None:
+        """Add a message with its replies, time and duration [s].
+
+        `received` is a line of JSON, which is copied, other text, or None. If the file
+        has its greatest size, or the disk is full, only the journal ends.
+        """
+        if self._file is None:
+            return
+        if not isinstance(received, bytes):
+            received = json.dumps(received).encode()
+        rest = encode({"at": at, "took": took, "out": list(replies)})
+        try:
+            if self._file.tell() > LARGEST:
+                raise OSError(f"it has {LARGEST} bytes")
+            self._file.write(b'{"in":%b,%b' % (received, rest[1:]))
+        except OSError as error:
+            print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)
+            self.close()
+
+    def close(self) -> None:
+        """Close the file; later messages are not written."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def read_journal(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a journal, without truncated last lines of runs."""
+    lines = [line for line in path.read_bytes().split(b"\n") if line]
+    if not lines or not lines[0].startswith(BEGINNING):
+        raise ValueError(f"{path} is not a journal of gplfd serve")
+    entries = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            entries.append(json.loads(line))
+        except ValueError:
+            if number < len(lines) and not lines[number].startswith(BEGINNING):
+                raise ValueError(f"{path}: entry {number} is damaged") from None
+    return entries
