@@ -124,8 +124,6 @@ class ForceForecast:
         self._due[rows] = False
 
 
-_NO_STIFFNESS: Final = 1e-9  # divisor if there is no stiffness [N/m]
-
 _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 
 
@@ -257,14 +255,14 @@ class _LoadLearner(Load):
     ) -> None:
         self._rule, self._profile = rule, profile
         self._expected = np.full(shape, np.nan)  # NaN: the limit
-        self._known = np.zeros(shape)
+        self._learned = np.zeros(shape)
         self._mark = np.full((*shape, 3), np.nan)  # NaN: none yet
         self._most = np.zeros(shape)  # resistance since the mark
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors; the limit is expected for the next."""
         self._expected[rows] = np.nan
-        self._known[rows] = 0.0
+        self._learned[rows] = 0.0
         self._mark[rows] = np.nan
         self._most[rows] = 0.0
 
@@ -286,8 +284,8 @@ class _LoadLearner(Load):
         most = np.maximum(self._most[rows], resistance)
         met = np.minimum(np.maximum(most, rule.least), limit)
         expected = self._expected[rows] = before + weight * (met - before)
-        known = self._known[rows]
-        known = self._known[rows] = known + weight * (1.0 - known)
+        learned = self._learned[rows]
+        learned = self._learned[rows] = learned + weight * (1.0 - learned)
         # After a motion backwards, the hand must first move forward again to learn.
         away = np.abs(moved) >= rule.step
         self._most[rows] = np.where(away, 0.0, most)
@@ -308,7 +306,7 @@ class _LoadLearner(Load):
                 ends.append(end[..., 0])
             here, ahead = ends
             # Before the door moves, the phase at which it resists is uncertain.
-            demonstrated = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
+            demonstrated = here + (1.0 - learned) * np.maximum(ahead - here, 0.0)
             largest = rule.shown_share * np.asarray(contact.expected.largest)
             demonstrated = np.minimum(
                 demonstrated, np.minimum(largest, gain * rule.shown_limit)
@@ -319,7 +317,7 @@ class _LoadLearner(Load):
         # Pace: from the lag, and from the lag that the force will cause at a known
         # door. A path without direction has no stiffness along it, and no resistance.
         softest = _along(direction, self._profile.k_min[:3] * direction)
-        coming = known * (resistance - compensated) / np.maximum(softest, _NO_STIFFNESS)
+        coming = learned * (resistance - compensated) / np.maximum(softest, 1e-9)
         compliant = contact.wrench.copy()
         compliant[..., :3] += compensated[..., None] * direction
         pace = _pace(np.maximum(lag, coming) / rule.lag)

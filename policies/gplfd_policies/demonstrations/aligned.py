@@ -210,8 +210,8 @@ def _screwed(
     poses: Outputs, way: Times, cut: float, ahead: Shares
 ) -> Float[np.ndarray, "S 6"]:
     """Continue a path that is cut at a share of its length, by further shares."""
-    there = interpolated(np.array([cut]), way, poses)[0]
-    turned = np.linalg.norm(there[3:] - poses[:, 3:], axis=1)
+    place = interpolated(np.array([cut]), way, poses)[0]
+    turned = np.linalg.norm(place[3:] - poses[:, 3:], axis=1)
     near = way[(turned <= _TURN) & (way < cut)]
     begins = max((1.0 - _TAIL) * cut, float(near.min()) if near.size else 0.0)
     begin, last = interpolated(np.array([begins, cut]), way, poses)

@@ -201,7 +201,7 @@ def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationP
     search = partial(
         scipy.optimize.minimize, objective, jac=True, method="L-BFGS-B", bounds=bounds
     )
-    return likelihood.process(min(map(search, starts), key=lambda found: found.fun).x)
+    return likelihood.process(min(map(search, starts), key=lambda result: result.fun).x)
 
 
 def wobbling(

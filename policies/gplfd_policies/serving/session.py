@@ -281,8 +281,8 @@ class Session:
         pose, stiffness = self._pose, self._stiffness
         if step is not None:
             # An agent without stiffness is followed as one without uncertainty.
-            known = np.isfinite(step.stiffness)
-            stiffness = np.where(known, step.stiffness, DEFAULT_PROFILE.k_max)
+            finite = np.isfinite(step.stiffness)
+            stiffness = np.where(finite, step.stiffness, DEFAULT_PROFILE.k_max)
             pose = step.action
         elif self.state == "stopped":
             share = min((now - self._stopped_at) / self._settings.soften_time, 1.0)

@@ -240,12 +240,12 @@ class CompliantSetPoint:
     def __init__(self) -> None:
         self._admittance = Admittance(_NEARLY_FREE)
 
-    def step(self, desired: SixAxes, wrench: SixAxes, **known: Any) -> AgentStep:
+    def step(self, desired: SixAxes, wrench: SixAxes, **fields: Any) -> AgentStep:
         """Return the step that commands a pose, displaced by a wrench."""
         offset = self._admittance.step(_STIFFNESS, wrench, CONTROL_PERIOD)
         action = desired + offset
         action[3:] = compose_rotvecs(offset[3:], desired[3:])
-        return AgentStep(action=action, desired=desired, stiffness=_STIFFNESS, **known)
+        return AgentStep(action=action, desired=desired, stiffness=_STIFFNESS, **fields)
 
 
 _PULL_WRENCH: Final = np.array([16.0, 0.0, 0.0, 0.0, 0.0, 0.0])

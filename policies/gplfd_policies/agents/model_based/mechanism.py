@@ -188,11 +188,11 @@ class GaussianProcess(Mechanism):
         return _kernel(np.asarray(coordinates)[..., None], self._places) @ self._weights
 
 
-def _kernel(here: Array, there: Array) -> Array:
+def _kernel(first: Array, second: Array) -> Array:
     """Return the kernel; the path is also straight before the closed door."""
-    least, most = np.minimum(np.maximum(here, 0.0), there), np.maximum(here, there)
+    least, most = np.minimum(np.maximum(first, 0.0), second), np.maximum(first, second)
     bend = _BEND * least**2 * (3.0 * most - least) / 6.0
-    return np.asarray(_SLOPE * here * there + bend)
+    return np.asarray(_SLOPE * first * second + bend)
 
 
 _GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
