@@ -110,7 +110,7 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
 
     def learn(method: Method, lesson: Sequence[Demonstration]) -> Movement:
         how = method.fit, method.align, method.beyond, method.seeded
-        key = f"{how} {[id(one) for one in lesson]}"
+        key = f"{how} {[id(part) for part in lesson]}"
         if key not in movements:
             lessons.append(lesson)
             if "n_samples" in inspect.signature(method.align).parameters:
@@ -139,8 +139,8 @@ def learned_agent(
             lesson = demonstrations
             if method.phase_stiffness is not None:
                 lesson = tuple(
-                    replace(one, wrenches=np.full(one.poses.shape, 2.0))
-                    for one in demonstrations
+                    replace(motion, wrenches=np.full(motion.poses.shape, 2.0))
+                    for motion in demonstrations
                 )
             agent = method.follow(learned(method, lesson))
         agent.inform(DoorGeometry.of(DoorConfig(radius=0.5)))

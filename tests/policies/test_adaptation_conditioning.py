@@ -184,8 +184,8 @@ def test_shared_error_equals_dense_conditioning(phases, shared):
     along = np.tile(shared, (len(phases), 1))
     mean, covariance = dense_conditioning(phases, poses, along, 1e-4)
     assert_allclose(process.mean, mean, atol=1e-11 if shared.any() else 1e-12)
-    found = process.trajectory().covariance
-    assert_allclose(found, covariance + 1e-12 * np.eye(60), atol=1e-13)
+    conditioned = process.trajectory().covariance
+    assert_allclose(conditioned, covariance + 1e-12 * np.eye(60), atol=1e-13)
 
 
 def test_shared_error_leaves_what_is_across_the_path_certain():
@@ -260,8 +260,8 @@ def test_a_door_may_have_a_force_of_its_own(skill):
     apart = TIMES[:, None] - TIMES
     shape = 0.01 + 0.01 * 0.5 * (1.0 + np.exp(-50.0 * apart**2))
     for output, total in enumerate(np.repeat([square[:3].sum(), square[3:].sum()], 3)):
-        own = ours[output] - plain[output]
-        assert_allclose(own, 0.25 * total * shape, atol=4e-5 * total)
+        change = ours[output] - plain[output]
+        assert_allclose(change, 0.25 * total * shape, atol=4e-5 * total)
 
 
 def test_a_door_heavier_than_all_demonstrated_ones_is_heavy_all_the_way(skill):

@@ -304,8 +304,8 @@ def test_clocks_say_when_each_demonstration_was_there(method):
         for duration, poses in zip((4.0, 7.0), paths, strict=True)
     ]
     aligned = align(recorded, method=method, n_samples=50, denoise=False)
-    for found, poses, path in zip(aligned.clocks, aligned.poses, paths, strict=True):
-        reached = np.interp(found, clock, path[:, 0])
+    for times, poses, path in zip(aligned.clocks, aligned.poses, paths, strict=True):
+        reached = np.interp(times, clock, path[:, 0])
         assert_allclose(reached, poses[:, 0], atol=4e-3)
     if method == "interpolation":
         assert_allclose(aligned.clocks.mean(axis=0), aligned.times)
@@ -334,7 +334,8 @@ def test_aligned_forces_are_those_of_the_hand_at_the_phase():
 
 def test_forces_are_learned_in_the_way_of_the_motion(demonstrations):
     felt = tuple(
-        replace(one, wrenches=np.full(one.poses.shape, 2.0)) for one in demonstrations
+        replace(motion, wrenches=np.full(motion.poses.shape, 2.0))
+        for motion in demonstrations
     )
     for name in ("gp", "promp"):
         movement = POLICIES[name].method.learn(TrainingInput(demonstrations=felt))

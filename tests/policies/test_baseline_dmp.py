@@ -123,15 +123,15 @@ def test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity():
     coarse = slice(None, None, 10)
     across = np.linalg.svd(TURN[None])[2][1:]  # two axes at right angles to the turn
     pushes = [np.tile(600.0 * axis, (30, 1)) for axis in across]
-    cases = [turning(each) for each in (pushes[0], pushes[1], sum(pushes), None)]
-    one, two, both, none = (errors(each, clock[coarse]) for each in cases)
-    assert_allclose(both + none, one + two, atol=1e-6)
-    assert np.abs(one - none).max() > 0.1  # the forcing does something
+    cases = [turning(push) for push in (pushes[0], pushes[1], sum(pushes), None)]
+    first, second, both, none = (errors(push, clock[coarse]) for push in cases)
+    assert_allclose(both + none, first + second, atol=1e-6)
+    assert np.abs(first - none).max() > 0.1  # the forcing does something
     goal = Rotation.from_rotvec(TURN)
-    one, two, both, none = (
-        (goal * ude_rotations(each, clock)[coarse].inv()).as_rotvec() for each in cases
+    first, second, both, none = (
+        (goal * ude_rotations(push, clock)[coarse].inv()).as_rotvec() for push in cases
     )
-    assert np.abs(both + none - one - two).max() > 0.05
+    assert np.abs(both + none - first - second).max() > 0.05
 
 
 def test_another_goal_enters_along_the_step_response(dmp):

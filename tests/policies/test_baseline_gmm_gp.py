@@ -64,15 +64,15 @@ def test_via_points_condition_it_as_any_gaussian(process):
     ]
     phases = np.array([point.phase for point in via_points])
     noise = np.concatenate([point.own_variance for point in via_points])
-    known = np.isfinite(noise)
+    constrained = np.isfinite(noise)
     shared = np.append(along, np.zeros(12))
     poses = np.concatenate([point.pose for point in via_points])
     observed = published_kernel(process, phases, phases).reshape(18, 18)
-    observed = observed + np.diag(np.where(known, noise, 0.0))
-    observed = (observed + np.outer(shared, shared))[known][:, known]
-    across = published_kernel(process, GRID, phases).reshape(-1, 18)[:, known]
+    observed = observed + np.diag(np.where(constrained, noise, 0.0))
+    observed = (observed + np.outer(shared, shared))[constrained][:, constrained]
+    across = published_kernel(process, GRID, phases).reshape(-1, 18)[:, constrained]
     prior_mean = process.regression.moments(phases)[0].ravel()
-    missed = (poses - prior_mean)[known]
+    missed = (poses - prior_mean)[constrained]
     mean = process.regression.moments(GRID)[0].ravel()
     mean = mean + across @ np.linalg.solve(observed, missed)
     size = 6 * len(GRID)
@@ -124,8 +124,8 @@ def test_likelihood_is_that_of_all_demonstrations_stacked(process):
     def reduced(scales, noise):
         return evidence.negative_log_likelihood(np.log([*scales, noise]))[0]
 
-    one = (np.linspace(0.1, 0.6, 6), 1e-2)
+    parameters = (np.linspace(0.1, 0.6, 6), 1e-2)
     other = (np.linspace(0.5, 0.2, 6), 0.3)
-    assert reduced(*one) - reduced(*other) == pytest.approx(
-        dense(*one) - dense(*other), rel=1e-6
+    assert reduced(*parameters) - reduced(*other) == pytest.approx(
+        dense(*parameters) - dense(*other), rel=1e-6
     )

@@ -40,14 +40,14 @@ def dense(primitive, times):
     across = np.kron(
         correlation(times, reference.phases, config.length_scale), np.eye(6)
     )
-    own = np.kron(correlation(times, times, config.length_scale), np.eye(6))
+    prior = np.kron(correlation(times, times, config.length_scale), np.eye(6))
     sigma, stacked = blocks(primitive), reference.means.ravel()
     mean = across @ np.linalg.solve(
         kernel + config.mean_regularisation * sigma, stacked
     )
     count, lambda_c = len(reference.phases), config.covariance_regularisation
     inverse = np.linalg.solve(kernel + lambda_c * sigma, across.T)
-    covariance = count / lambda_c * (own - across @ inverse)
+    covariance = count / lambda_c * (prior - across @ inverse)
     return mean.reshape(-1, 6), covariance.reshape(len(times), 6, len(times), 6)
 
 
@@ -75,7 +75,8 @@ def test_prediction_is_the_published_dense_formula(small, times, lambda_c):
     some = shifted(small, 0.4321, 1.0, 1e-3)
     partly = replace(some, phase=0.77, pose=np.where(np.arange(6) % 2, np.nan, 0.1))
     primitives = [
-        replace(each, config=config) for each in (small, small.adapt([some, partly]))
+        replace(movement, config=config)
+        for movement in (small, small.adapt([some, partly]))
     ]
     for primitive in primitives:
         mean, covariance = dense(primitive, times)
@@ -97,10 +98,10 @@ def test_a_via_point_takes_the_place_of_an_entry_at_its_phase(primitive):
     phases = primitive.reference.phases
     between = shifted(primitive, 0.5 * (phases[200] + phases[201]), 1.0, 1e-4)
     assert len(primitive.adapt([between]).reference.phases) == 401
-    there = replace(between, phase=phases[200] + 2e-4)
-    assert len(primitive.adapt([there]).reference.phases) == 400
+    beside = replace(between, phase=phases[200] + 2e-4)
+    assert len(primitive.adapt([beside]).reference.phases) == 400
     again = shifted(primitive, phases[200] + 1e-4, -1.0, 1e-4)
-    both = primitive.adapt([there, again])
+    both = primitive.adapt([beside, again])
     assert len(both.reference.phases) == 400
     here = both.predict(np.array([again.phase]))
     scale = primitive.regression.standardisation.scale

@@ -42,8 +42,8 @@ def tumbling():
     rng = np.random.default_rng(3)
     poses = rng.normal(size=(5, 21, 6)) * 0.1 + np.outer(TIMES, np.arange(6.0) / 3.0)
     mean = rotations(np.outer(TIMES, [1.0, -1.5, 1.2]))
-    for one in poses:
-        one[:, 3:] = (rotations(0.3 * rng.normal(size=3)) * mean).as_rotvec()
+    for path in poses:
+        path[:, 3:] = (rotations(0.3 * rng.normal(size=3)) * mean).as_rotvec()
     return AlignedDemonstrations(times=TIMES, poses=poses)
 
 
@@ -52,10 +52,12 @@ def test_a_step_has_the_moments_of_its_demonstrations_on_the_manifold(tumbling):
     config = MiDiGaPConfig(mode_angle=np.pi, length_scale=1e-6)
     movement = fit_midigap(tumbling, config)
     assert len(movement.modes) == 1
-    found, poses = movement.predict(TIMES), tumbling.poses
-    assert_allclose(found.mean[:, :3], poses[:, :, :3].mean(axis=0), atol=1e-14)
-    assert_allclose(found.std[:, :3], poses[:, :, :3].std(axis=0, ddof=1), rtol=1e-6)
-    for step, mean in enumerate(found.mean):
+    predicted, poses = movement.predict(TIMES), tumbling.poses
+    assert_allclose(predicted.mean[:, :3], poses[:, :, :3].mean(axis=0), atol=1e-14)
+    assert_allclose(
+        predicted.std[:, :3], poses[:, :, :3].std(axis=0, ddof=1), rtol=1e-6
+    )
+    for step, mean in enumerate(predicted.mean):
         turns = rotations(poses[:, step, 3:]) * rotations(mean[3:]).inv()
         deviations = turns.as_rotvec()
         assert_allclose(deviations.mean(axis=0), 0.0, atol=1e-11)
@@ -64,8 +66,8 @@ def test_a_step_has_the_moments_of_its_demonstrations_on_the_manifold(tumbling):
         slopes = (up.as_rotvec() - down.as_rotvec()).T / 2e-6
         assert_allclose(rotvec_jacobian(mean[3:]), slopes, atol=1e-8)
         covariance = slopes @ np.cov(deviations.T) @ slopes.T
-        assert_allclose(found.std[step, 3:] ** 2, np.diag(covariance), rtol=1e-6)
-    assert_array_equal(found.covariance[:, ~np.eye(21, dtype=bool)], 0.0)
+        assert_allclose(predicted.std[step, 3:] ** 2, np.diag(covariance), rtol=1e-6)
+    assert_array_equal(predicted.covariance[:, ~np.eye(21, dtype=bool)], 0.0)
 
 
 @pytest.mark.parametrize("other", [OTHER_SIDE, PUSHED])
@@ -76,8 +78,8 @@ def test_modes_are_found_without_labels_and_hold_their_demonstrations(other):
     assert [part.tolist() for part in parts] == [[1, 2, 3], [0, 4]]
     movement = fit_midigap(aligned_of(mixed))
     assert_allclose(movement.weights, [0.6, 0.4])
-    for mode, own in zip(movement.modes, (pulled, foreign), strict=True):
-        alone = fit_midigap(aligned_of(own)).predict(TIMES)
+    for mode, members in zip(movement.modes, (pulled, foreign), strict=True):
+        alone = fit_midigap(aligned_of(members)).predict(TIMES)
         assert_array_equal(mode.predict(TIMES).mean, alone.mean)
         assert_array_equal(mode.predict(TIMES).std, alone.std)
 
@@ -97,8 +99,8 @@ def test_observations_choose_the_mode_that_is_followed():
     densities = []
     for mode in movement.modes:
         spread = mode.prior_covariance(TIMES[[4]], TIMES[[4]])[0, :3, 0, :3]
-        own = multivariate_normal(mode.mean[4, :3], spread + 0.01 * np.eye(3))
-        densities.append(own.pdf(seen[4, :3]))
+        density = multivariate_normal(mode.mean[4, :3], spread + 0.01 * np.eye(3))
+        densities.append(density.pdf(seen[4, :3]))
     assert_allclose(np.exp([mode.log_evidence for mode in unsure.modes]), densities)
     expected = [0.6, 0.4] * np.array(densities)
     assert_allclose(unsure.weights, expected / expected.sum())

@@ -110,12 +110,12 @@ def test_the_margin_is_that_of_the_condition_and_a_lack_is_refused(share, stable
 def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
     stiffness = np.tile([500.0, 300.0, 150.0, 50.0, 20.0, 12.0], (20, 1))
     stiffness[10:, :2] = 120.0, 310.0
-    given, matrix = path_of(stiffness), turn.as_matrix()
+    commanded, matrix = path_of(stiffness), turn.as_matrix()
     tool = Rotation.from_euler("y", -90.0, degrees=True)
     task = np.array([*PLACE, *turn.as_rotvec()])
-    seen = given.seen_from(task, tool.as_rotvec())
+    seen = commanded.seen_from(task, tool.as_rotvec())
     for block in (slice(0, 3), slice(3, 6)):
-        ours = matrix * given.stiffness[:, None, block] @ matrix.T
+        ours = matrix * commanded.stiffness[:, None, block] @ matrix.T
         excess = np.linalg.eigvalsh(ours - np.eye(3) * seen.stiffness[:, None, block])
         assert excess.min() > -1e-9
         if (np.abs(matrix) > 0.99).sum() == 3:
@@ -124,12 +124,12 @@ def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
     # The lead d v/k of the same velocity.
     lead = (seen.poses - seen.path)[:, :3] * (seen.stiffness / seen.damping)[:, :3]
     np.testing.assert_allclose(lead, np.tile(matrix @ np.full(3, 0.2), (20, 1)))
-    places = PLACE + given.path[:, :3] @ matrix.T
+    places = PLACE + commanded.path[:, :3] @ matrix.T
     np.testing.assert_allclose(seen.path[:, :3], places, atol=1e-12)
-    expected = turn * Rotation.from_rotvec(given.poses[:, 3:].copy()) * tool
-    found = Rotation.from_rotvec(seen.poses[:, 3:].copy())
-    assert (found.inv() * expected).magnitude().max() < 1e-7
-    covariance = matrix @ np.diag(given.std[0, :3] ** 2) @ matrix.T
+    expected = turn * Rotation.from_rotvec(commanded.poses[:, 3:].copy()) * tool
+    seen_turns = Rotation.from_rotvec(seen.poses[:, 3:].copy())
+    assert (seen_turns.inv() * expected).magnitude().max() < 1e-7
+    covariance = matrix @ np.diag(commanded.std[0, :3] ** 2) @ matrix.T
     np.testing.assert_allclose(seen.std[0, :3] ** 2, np.diagonal(covariance))
 
 
@@ -137,7 +137,7 @@ def test_what_six_numbers_cannot_express_is_refused():
     with pytest.raises(ValueError, match="stiffness along the path"):
         policy_named("stiffness-from-force").method.open_loop(H)
     mass = np.array([4.0, 5.0, 4.0, 0.15, 0.15, 0.15])
-    given = path_of(np.tile(DEFAULT_PROFILE.k_max, (2, 1)))
-    uneven = replace(given, dynamics=replace(ARM_DYNAMICS, mass=mass))
+    commanded = path_of(np.tile(DEFAULT_PROFILE.k_max, (2, 1)))
+    uneven = replace(commanded, dynamics=replace(ARM_DYNAMICS, mass=mass))
     with pytest.raises(ValueError, match="mass differ between axes"):
         uneven.seen_from(np.zeros(6), np.zeros(3))

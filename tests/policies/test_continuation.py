@@ -72,19 +72,19 @@ def test_a_screw_about_any_axis_goes_on():
 
 
 def test_the_demonstrated_part_stays_what_it_was():
-    shown = aligned(arc(0.4, 0.8), arc(0.6, 0.8))
-    longer = continued(shown, 0.5)
+    short = aligned(arc(0.4, 0.8), arc(0.6, 0.8))
+    longer = continued(short, 0.5)
     assert longer.times[-1] == 1.0
     assert longer.duration * longer.end == pytest.approx(6.0)
     again = longer.demonstrated
-    assert shown.demonstrated is shown
+    assert short.demonstrated is short
     assert again.end == 1.0
     assert again.duration == pytest.approx(6.0)
     before = np.linspace(0.0, 1.0, 50)
-    for one, other in zip(shown.poses, longer.poses, strict=True):
-        for first, second in zip(one.T, other.T, strict=True):
+    for path, other in zip(short.poses, longer.poses, strict=True):
+        for first, second in zip(path.T, other.T, strict=True):
             again = np.interp(before * longer.end, longer.times, second)
-            assert_allclose(again, np.interp(before, shown.times, first), atol=3e-4)
+            assert_allclose(again, np.interp(before, short.times, first), atol=3e-4)
 
 
 def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
@@ -92,11 +92,11 @@ def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
     # A straight line that is bent at the end goes elsewhere than it was going.
     bent = drawer()
     bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
-    found = drift(aligned(bent))
-    assert found[2] > 0.05
+    error = drift(aligned(bent))
+    assert error[2] > 0.05
     # A continued task has it per phase of its own.
     longer = continued(aligned(bent), 0.5)
-    assert_allclose(longer.drift * longer.end, found)
+    assert_allclose(longer.drift * longer.end, error)
 
 
 def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):

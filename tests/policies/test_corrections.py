@@ -50,10 +50,10 @@ def test_what_is_no_correction_is_refused(changes, message):
 
 def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
     """The rest of a 0.62 m arc, from a skill that was shown 0.35 and 0.50 m."""
-    given = led(0.62, np.radians(40.0), noise=0.1)
-    whole = completed(GP, skill, given)
-    count = len(given.motion.times)
-    assert_array_equal(whole.poses[:count], given.motion.poses)
+    correction = led(0.62, np.radians(40.0), noise=0.1)
+    whole = completed(GP, skill, correction)
+    count = len(correction.motion.times)
+    assert_array_equal(whole.poses[:count], correction.motion.poses)
     assert np.all(np.diff(whole.times) > 0.0)
     reached = -whole.poses[-1, 4]
     angle = np.arctan2(*(whole.poses[-1, [0, 2]] + [0.0, 0.62]))
@@ -61,27 +61,27 @@ def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
     distance = np.hypot(whole.poses[:, 0], whole.poses[:, 2] + 0.62)
     assert np.abs(distance - 0.62).max() < 0.01
     assert abs(abs(reached) - angle) < 0.1
-    assert_array_equal(whole.wrenches[-1], given.motion.wrenches[-1])
+    assert_array_equal(whole.wrenches[-1], correction.motion.wrenches[-1])
     # Without via-points it would be the arc of the demonstrations' mean size.
     alone = skill.predict(np.array([skill.aligned.end])).mean[0]
     assert np.linalg.norm(whole.poses[-1, :3] - alone[:3]) > 0.1
 
 
 def test_a_corrected_skill_is_another_one_that_knows_more_doors(skill):
-    given = led(0.62, np.radians(64.0), noise=0.0, by="synthetic", phase=0.3)
+    correction = led(0.62, np.radians(64.0), noise=0.0, by="synthetic", phase=0.3)
     before = skill.predict(np.linspace(0.0, 1.0, 20))
-    better = GP.update(skill, given)
+    better = GP.update(skill, correction)
     assert better is not skill
     assert (skill.corrections, skill.count, better.count) == ((), 4, 5)
-    assert better.corrections == (given,)
+    assert better.corrections == (correction,)
     after = skill.predict(np.linspace(0.0, 1.0, 20))
     assert_array_equal(before.mean, after.mean)
     # Only the correction had wrenches.
     assert len(better.forces.aligned.poses) == 1
-    shown = better.aligned.demonstrated.poses[-1]
-    assert np.abs(np.hypot(shown[:, 0], shown[:, 2] + 0.62) - 0.62).max() < 0.01
-    again = GP.update(better, replace(given, seed=1))
-    assert (again.count, [one.seed for one in again.corrections]) == (6, [0, 1])
+    last = better.aligned.demonstrated.poses[-1]
+    assert np.abs(np.hypot(last[:, 0], last[:, 2] + 0.62) - 0.62).max() < 0.01
+    again = GP.update(better, replace(correction, seed=1))
+    assert (again.count, [stored.seed for stored in again.corrections]) == (6, [0, 1])
 
 
 def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
@@ -105,9 +105,9 @@ def test_who_cannot_be_corrected_says_so(skill):
     assert POLICIES["gp"].correctable
     assert not POLICIES["promp"].correctable
     assert not POLICIES["hinge-fit"].correctable
-    given = led(0.62, 0.9)
+    correction = led(0.62, 0.9)
     promp = POLICIES["promp"].method
     with pytest.raises(ValueError, match="this policy cannot be corrected"):
-        promp.update(skill, given)
+        promp.update(skill, correction)
     with pytest.raises(ValueError, match="added to a Skill, got a object"):
-        GP.update(object(), given)
+        GP.update(object(), correction)

@@ -26,11 +26,11 @@ def along_the_path(poses, newtons):
 @pytest.fixture(scope="module")
 def agent(demonstrations):
     """An agent that was shown doors which take 2 to 4 N, 3 N on average."""
-    shown = [
-        replace(one, wrenches=along_the_path(one.poses, force))
-        for one, force in zip(demonstrations, np.linspace(2.0, 4.0, 6), strict=True)
+    forced = [
+        replace(motion, wrenches=along_the_path(motion.poses, force))
+        for motion, force in zip(demonstrations, np.linspace(2.0, 4.0, 6), strict=True)
     ]
-    return POLICIES["gp"].method(TrainingInput(demonstrations=shown))
+    return POLICIES["gp"].method(TrainingInput(demonstrations=forced))
 
 
 def felt(agent, newtons, count=60, end=0.6):
@@ -86,8 +86,8 @@ def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
     forecast.reset()
     rotation, phase = np.eye(3), np.float64(0.4)
     here, ahead = forecast.expect(phase, rotation)
-    there, _ = forecast.expect(phase + LOOK_AHEAD, rotation)
-    assert_allclose(ahead.mean, there.mean)
-    assert_allclose(ahead.std, there.std)
+    later, _ = forecast.expect(phase + LOOK_AHEAD, rotation)
+    assert_allclose(ahead.mean, later.mean)
+    assert_allclose(ahead.std, later.std)
     assert not np.allclose(here.mean, ahead.mean, rtol=1e-6)
     assert here.largest == pytest.approx(4.0, abs=0.1)

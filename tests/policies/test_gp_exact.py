@@ -115,8 +115,10 @@ def test_least_jitter_on_failure_is_reported():
 
 
 def noisy(variance):
-    one = np.zeros(1)
-    return ExactGP(kernel=KERNEL, times=one, values=one, noise_variance=one + variance)
+    single = np.zeros(1)
+    return ExactGP(
+        kernel=KERNEL, times=single, values=single, noise_variance=single + variance
+    )
 
 
 def scaled(length):

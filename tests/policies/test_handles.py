@@ -139,9 +139,9 @@ def test_a_handle_goes_back_as_shown_from_further_away():
     handles = turned_further()
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
     for angle, turn in zip(angles, turns, strict=True):
-        shown, own = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
-        assert_allclose(handles.hand_poses(shown), own, atol=1e-12)
-        assert_allclose(handles.movement_poses(own), shown, atol=1e-12)
+        demonstrated, turned = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
+        assert_allclose(handles.hand_poses(demonstrated), turned, atol=1e-12)
+        assert_allclose(handles.movement_poses(turned), demonstrated, atol=1e-12)
 
 
 @pytest.mark.parametrize(

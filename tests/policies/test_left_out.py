@@ -40,22 +40,22 @@ def test_score_is_that_of_forecasts_one_by_one(share):
     noise = np.full(30, 1e-3)
     smooth, white = PROCESS.smooth_covariance(TIMES, noise), PROCESS.white * noise
     curves = wandering(5, 0)[:, :, 0]
-    found = []
+    scores = []
     for place, curve in enumerate(curves):
         others = np.delete(curves, place, axis=0)
         error = curve - others.mean(axis=0)
         covariance = (1.0 - share) * smooth + share * np.cov(others, rowvar=False)
         covariance = 1.25 * covariance
-        own = np.diag(white + 1e-6 * np.diag(smooth))
+        white_part = np.diag(white + 1e-6 * np.diag(smooth))
         for start in (6, 10, 15):
-            gram = (covariance + own)[:start, :start]
+            gram = (covariance + white_part)[:start, :start]
             gain = np.linalg.solve(gram, covariance[:start, start:])
             rest = error[start:] - error[:start] @ gain
-            variance = np.diag((covariance + own)[start:, start:])
+            variance = np.diag((covariance + white_part)[start:, start:])
             variance = variance - np.sum(covariance[:start, start:] * gain, axis=0)
             density = student.logpdf(rest, 4.0, scale=np.sqrt(variance))
-            found.append((start, np.mean(density)))
-    expected = np.mean([mean for _, mean in found])
+            scores.append((start, np.mean(density)))
+    expected = np.mean([mean for _, mean in scores])
     score = forecast_score(smooth, white, curves, share)
     assert score == pytest.approx(expected, rel=1e-9)
 
@@ -64,7 +64,7 @@ def test_wobble_is_what_forecasts_left_out_demonstrations_best():
     """Told that curves hardly wobble, all outputs get the one factor that forecasts."""
     curves, noise = wandering(8, 1), np.full((30, 6), 1.3e-3)
     chosen = wobbling([PROCESS] * 6, TIMES, curves, noise)
-    factors = {each.wobble / PROCESS.wobble for each in chosen}
+    factors = {p.wobble / PROCESS.wobble for p in chosen}
     assert len(factors) == 1
     factor = factors.pop()
     assert factor > 16.0

@@ -38,7 +38,7 @@ def response_of(rule, force):
 
 
 @pytest.mark.parametrize(
-    ("rule", "given", "left", "compensated", "pace"),
+    ("rule", "force", "left", "compensated", "pace"),
     [
         (CarriedLoad(), wrench(x=-10.0, y=3.0, moment=1.0), wrench(0, 3, 1), 10, None),
         (CarriedLoad(), wrench(x=-40.0, y=2.0), wrench(x=-15.0, y=2.0), 25.0, -1.0),
@@ -51,10 +51,10 @@ def response_of(rule, force):
         (LearnedLoad(), wrench(x=-31.0), wrench(x=-6.0), 25.0, 1.0),
     ],
 )
-def test_what_is_compensated_is_not_yielded_to(rule, given, left, compensated, pace):
-    kept = given.copy()
-    response = response_of(rule, given)
-    assert_array_equal(given, kept)
+def test_what_is_compensated_is_not_yielded_to(rule, force, left, compensated, pace):
+    kept = force.copy()
+    response = response_of(rule, force)
+    assert_array_equal(force, kept)
     assert_allclose(response.compliant_wrench, left, atol=1e-12)
     assert response.compensated_load == compensated
     assert response.path_lag == 0.0
@@ -69,16 +69,16 @@ def test_expected_resistance_is_that_of_the_turned_hand():
     direction = rng.normal(size=(4, 3))
     axes = Rotation.from_rotvec(rotation).as_matrix()
     expected = ExpectedForce(mean=mean, std=np.abs(std), axes=axes)
-    found = [each[:, 0] for each in expected.along(direction[..., None])]
+    moments = [column[:, 0] for column in expected.along(direction[..., None])]
     covariance = np.einsum("nij,nj,nkj->nik", axes, std**2, axes)
     along = np.einsum("ni,nij,nj->n", direction, axes, mean)
     variance = np.einsum("ni,nij,nj->n", direction, covariance, direction)
-    assert_allclose(found, (along, np.sqrt(variance)))
+    assert_allclose(moments, (along, np.sqrt(variance)))
 
 
 def expecting(mean, std=2.0, ahead=0.0, largest=1e3):
     """Expect forces along x, here and at the end of the path ahead."""
-    here, there = (
+    here, behind = (
         ExpectedForce(
             mean=np.array([force, 0.0, 0.0]),
             std=np.full(3, std),
@@ -87,7 +87,7 @@ def expecting(mean, std=2.0, ahead=0.0, largest=1e3):
         )
         for force in (mean, ahead)
     )
-    return {"expected": here, "expected_ahead": there}
+    return {"expected": here, "expected_ahead": behind}
 
 
 @pytest.mark.parametrize(

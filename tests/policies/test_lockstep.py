@@ -110,8 +110,8 @@ def row_of(observations, row):
 
 def assert_same_row(steps, row, step):
     for name in FIELDS:
-        found, expected = getattr(steps, name)[row], getattr(step, name)
-        assert_array_equal(found, expected, err_msg=name)
+        value, expected = getattr(steps, name)[row], getattr(step, name)
+        assert_array_equal(value, expected, err_msg=name)
 
 
 def steps_of(

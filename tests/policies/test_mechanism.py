@@ -77,7 +77,7 @@ def fitted(poses, pull=X):
         *(Rotational.expected(pull, side) for side in sides),
     ]
     for count in range(1, len(poses) + 1):
-        models = [each.updated(poses[:count]) for each in models]
+        models = [model.updated(poses[:count]) for model in models]
     return models
 
 
@@ -97,7 +97,7 @@ def fitted(poses, pull=X):
 )
 def test_each_kind_is_recognised_with_a_millimetre_of_noise(door, pull, kind, seed):
     poses = path(door, seed=seed)
-    best = min(fitted(poses, pull), key=lambda each: each.bic(poses))
+    best = min(fitted(poses, pull), key=lambda model: model.bic(poses))
     assert type(best) is kind
 
 
@@ -109,7 +109,7 @@ def test_the_criterion_is_that_of_the_paper():
     numbers = {Mechanism: (0, 6), Prismatic: (1, 8), Rotational: (1, 9)}
     for model in fitted(poses):
         degrees, k = numbers.get(type(model), (1, 1 + 1 + 6 * 5))
-        errors = poses - [model.poses(model.coordinates(one[:3])) for one in poses]
+        errors = poses - [model.poses(model.coordinates(pose[:3])) for pose in poses]
         normal = stats.multivariate_normal(cov=np.diag(variance)).pdf(errors)
         density = (0.99 * normal + 0.01 / (8.0 * np.pi**2)) / n**degrees
         likelihood = np.log(density).sum()
@@ -135,8 +135,8 @@ def test_the_line_is_the_most_probable_one():
         return (errors**2).sum() + (((line + Z) / UPRIGHT.heading_std) ** 2).sum()
 
     best = optimize.minimize(cost, -Z, tol=1e-12).x
-    found = Prismatic(-Z, -Z).updated(poses).direction(0.0)
-    assert_allclose(found, best / np.linalg.norm(best), atol=1e-4)
+    direction = Prismatic(-Z, -Z).updated(poses).direction(0.0)
+    assert_allclose(direction, best / np.linalg.norm(best), atol=1e-4)
 
 
 def test_the_process_is_an_integrated_wiener_process():
@@ -145,12 +145,12 @@ def test_the_process_is_an_integrated_wiener_process():
     model, chords = GaussianProcess(poses), np.diff(poses[:, :3], axis=0, prepend=0.0)
     lengths = np.cumsum(np.linalg.norm(chords, axis=1))[[3, 7, 10, 14, 18]]
 
-    def covariance(one, other):
-        area = integrate.quad(lambda u: (one - u) * (other - u), 0.0, min(one, other))
-        return mechanism._SLOPE * one * other + mechanism._BEND * area[0]
+    def covariance(s, t):
+        area = integrate.quad(lambda u: (s - u) * (t - u), 0.0, min(s, t))
+        return mechanism._SLOPE * s * t + mechanism._BEND * area[0]
 
-    there = np.array([[covariance(a, b) for b in lengths] for a in lengths])
-    alpha = np.linalg.solve(there + np.eye(5), poses[[3, 7, 10, 14, 18]])
+    among = np.array([[covariance(a, b) for b in lengths] for a in lengths])
+    alpha = np.linalg.solve(among + np.eye(5), poses[[3, 7, 10, 14, 18]])
     for q in (0.03, 0.08, 0.3):
         mean = [covariance(q, b) for b in lengths] @ alpha
         assert_allclose(model.poses(q), mean, atol=1e-9)
@@ -165,7 +165,7 @@ def opened(policy, door, last, periods=1000):
     The hand is fixed to a path with a stop at its end: a servo of 2000 N/m and 250 N
     s/m, a mass of 8 kg, friction of 2 N; and 100 N m/rad about the hand.
     """
-    agent, q, speed, found = make_agent(policy, ()), 0.0, 0.0, []
+    agent, q, speed, kinds = make_agent(policy, ()), 0.0, 0.0, []
     agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
     wrench = np.zeros(6)
     for _ in range(periods):
@@ -186,8 +186,8 @@ def opened(policy, door, last, periods=1000):
         turns = Rotation.from_rotvec(np.array([command[3:], pose[3:]]))
         moment = -100.0 * (turns[0] * turns[1].inv()).as_rotvec()
         wrench = np.concatenate([friction * slope - across, moment])
-        found.append([q, np.linalg.norm(across), friction])
-    return np.array(found).T
+        kinds.append([q, np.linalg.norm(across), friction])
+    return np.array(kinds).T
 
 
 @pytest.mark.parametrize(

@@ -33,9 +33,9 @@ def way(door, length, spacing=0.005):
 
 
 def error(circle, door):
-    found = circle.door()
-    off = np.linalg.norm(found.hinge - door.hinge) / door.radius
-    return off + np.linalg.norm(found.axis - door.axis)
+    fitted = circle.door()
+    off = np.linalg.norm(fitted.hinge - door.hinge) / door.radius
+    return off + np.linalg.norm(fitted.axis - door.axis)
 
 
 @given(RADII, HEADINGS, TILTS, TILTS, st.floats(0.05, 0.5))
@@ -55,7 +55,7 @@ def test_short_arcs_are_not_pulled_inwards_by_noise():
         plane = points[:, [0, 2]]
         centre = np.linalg.lstsq(plane, (plane**2).sum(axis=1) / 2.0)[0]
         algebraic.append(1.0 / np.linalg.norm(centre))
-    bias, kasa = (abs(np.mean(each) * 0.9 - 1.0) for each in (curvatures, algebraic))
+    bias, kasa = (abs(np.mean(fits) * 0.9 - 1.0) for fits in (curvatures, algebraic))
     assert bias < 0.04 < 0.08 < kasa
 
 
@@ -67,9 +67,9 @@ def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
     points += 1e-3 * np.random.default_rng(seed).normal(size=points.shape)
     turned = replace(UPRIGHT, axes=rotation @ UPRIGHT.axes)
     here = fit_circle(points).door()
-    there = fit_circle(points @ rotation.T, turned).door()
-    assert_allclose(there.hinge, rotation @ here.hinge, atol=1e-7)
-    assert_allclose(there.axis, rotation @ here.axis, atol=1e-7)
+    rotated = fit_circle(points @ rotation.T, turned).door()
+    assert_allclose(rotated.hinge, rotation @ here.hinge, atol=1e-7)
+    assert_allclose(rotated.axis, rotation @ here.axis, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -84,10 +84,10 @@ def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
 )
 def test_what_is_no_circle_gives_a_bounded_door(points):
     with np.errstate(all="raise"):
-        found = fit_circle(points).door()
-    assert np.isfinite([found.hinge, found.axis, found.pull]).all()
-    assert 0.1 - 1e-9 <= found.radius <= 5.0 + 1e-9
-    assert found.axis[1] > 0.5 < found.pull[0]
+        door = fit_circle(points).door()
+    assert np.isfinite([door.hinge, door.axis, door.pull]).all()
+    assert 0.1 - 1e-9 <= door.radius <= 5.0 + 1e-9
+    assert door.axis[1] > 0.5 < door.pull[0]
 
 
 @given(st.floats(0.0, 3.0), st.integers(0, 99))

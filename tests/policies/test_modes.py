@@ -18,7 +18,10 @@ PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
 
 
 def mirrored(demonstrations, signs):
-    return [dataclasses.replace(one, poses=one.poses * signs) for one in demonstrations]
+    return [
+        dataclasses.replace(motion, poses=motion.poses * signs)
+        for motion in demonstrations
+    ]
 
 
 def partitions(numbers):
@@ -41,7 +44,7 @@ def test_partition_has_the_least_criterion_of_all_partitions(seed):
     ways = ways[rng.integers(len(ways), size=6)] + 0.15 * rng.normal(size=(6, 6))
     phases = np.linspace(0.0, 1.0, 50)
     poses = phases[:, None] * ways[:, None, :]
-    found = partition(AlignedDemonstrations(times=phases, poses=poses))
+    parts = partition(AlignedDemonstrations(times=phases, poses=poses))
 
     sizes = np.sqrt((poses.reshape(6, 50, 2, 3) ** 2).sum(axis=3).mean(axis=1))
     sizes[:, 1] = np.maximum(sizes[:, 1], sizes[:, 0] / 1.0)
@@ -49,19 +52,19 @@ def test_partition_has_the_least_criterion_of_all_partitions(seed):
 
     def criterion(modes):
         within = [shapes[list(m)] - shapes[list(m)].mean(axis=0) for m in modes]
-        squares = sum((each**2).sum(axis=2).mean(axis=1).sum() for each in within)
+        squares = sum((errors**2).sum(axis=2).mean(axis=1).sum() for errors in within)
         return squares / WITHIN**2 + len(modes) * math.log(6)
 
     best = min(partitions(range(6)), key=criterion)
-    assert sorted(found) == sorted(best)
-    assert [len(m) for m in found] == sorted((len(m) for m in found), reverse=True)
+    assert sorted(parts) == sorted(best)
+    assert [len(m) for m in parts] == sorted((len(m) for m in parts), reverse=True)
 
 
 @pytest.fixture(scope="module")
 def modes(demonstrations):
-    given = [*demonstrations, *mirrored(demonstrations, PUSHED)]
+    motions = [*demonstrations, *mirrored(demonstrations, PUSHED)]
     method = POLICIES["gp"].method
-    return method.learn_modes(TrainingInput(demonstrations=given))
+    return method.learn_modes(TrainingInput(demonstrations=motions))
 
 
 def agent_of(modes, *counts, **config):

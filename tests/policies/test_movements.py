@@ -73,9 +73,9 @@ def learned(aligned):
     return cache(lambda name: FITS[name](aligned))
 
 
-def same_bits(one, other):
+def same_bits(first, second):
     return all(
-        getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        getattr(first, name).tobytes() == getattr(second, name).tobytes()
         for name in ARRAYS
     )
 
@@ -92,8 +92,8 @@ def test_it_has_the_interface_and_says_what_it_was_learned_from(name, learned, a
     assert isinstance(movement, Adaptable) == (name in ADAPTABLE)
     assert movement.aligned is aligned
     assert movement.duration == aligned.duration
-    shown = f"{type(movement).__name__}(6 demonstrations, 60 phases, "
-    assert repr(movement) == f"{shown}{aligned.duration:.3g} s)"
+    text = f"{type(movement).__name__}(6 demonstrations, 60 phases, "
+    assert repr(movement) == f"{text}{aligned.duration:.3g} s)"
 
 
 @pytest.mark.parametrize("name", FITS)
@@ -125,8 +125,8 @@ def test_rates_are_the_derivatives_of_mean_and_spread(name, learned, aligned):
     movements = [movement]
     if name in ADAPTABLE:
         movements.append(movement.adapt([demonstrated(aligned, 24)]))
-    for each in movements:
-        here, up, down = (each.predict(times + by) for by in (0.0, step, -step))
+    for adapted in movements:
+        here, up, down = (adapted.predict(times + by) for by in (0.0, step, -step))
         for curve in ("mean", "std"):
             slope = (getattr(up, curve) - getattr(down, curve)) / (2.0 * step)
             assert_allclose(getattr(here, f"{curve}_rate"), slope, atol=1e-5, rtol=1e-4)
@@ -159,12 +159,12 @@ def test_units_do_not_matter(name, learned, aligned):
     predicted = [(ours.predict(GRID), theirs.predict(GRID))]
     if name in ADAPTABLE:
         here = demonstrated(aligned, 24)
-        there = replace(here, pose=factor * here.pose, std=factor * here.std)
-        adapted = ours.adapt([here]), theirs.adapt([there])
-        predicted.append(tuple(each.predict(GRID) for each in adapted))
-    for own, other in predicted:
-        assert_allclose((other.mean / factor - own.mean) / size, 0.0, atol=1e-6)
-        assert_allclose(other.std / factor, own.std, rtol=1e-6)
+        scaled = replace(here, pose=factor * here.pose, std=factor * here.std)
+        adapted = ours.adapt([here]), theirs.adapt([scaled])
+        predicted.append(tuple(part.predict(GRID) for part in adapted))
+    for plain, other in predicted:
+        assert_allclose((other.mean / factor - plain.mean) / size, 0.0, atol=1e-6)
+        assert_allclose(other.std / factor, plain.std, rtol=1e-6)
 
 
 @pytest.mark.parametrize("times", [[], [0.1, np.nan]])
@@ -184,7 +184,7 @@ def test_via_points_are_obeyed(name, learned, aligned):
     phase = np.array([point.phase])
     before = movement.predict(phase)
     after = movement.adapt([point]).predict(phase)
-    missed, met = (np.abs(each.mean[0] - point.pose) for each in (before, after))
+    missed, met = (np.abs(poses.mean[0] - point.pose) for poses in (before, after))
     if name == "tp-gmm":
         assert met[[0, 2]].max() < 0.5 * missed[[0, 2]].max()
     else:
@@ -227,7 +227,7 @@ def test_free_outputs_are_not_asked_for(name, learned, aligned):
         replace(point, pose=np.where(free, np.nan, point.pose)),
         replace(point, std=np.where(free, np.inf, point.std)),
     ]
-    ours, theirs = (movement.adapt([each]).predict(GRID) for each in some)
+    ours, theirs = (movement.adapt([demand]).predict(GRID) for demand in some)
     assert_allclose(ours.mean, theirs.mean, atol=1e-12)
     assert_allclose(ours.std, theirs.std, rtol=1e-12)
     before = movement.predict(GRID)
@@ -263,8 +263,8 @@ def test_outputs_that_never_vary_are_predicted_as_such(name, count, aligned):
     assert (predicted.std > 0.0).all()
     assert (predicted.std[:, 1] < 1e-4).all()
     if count == 1:
-        shown = np.interp(GRID, aligned.times, poses[0, :, 0])
-        assert_allclose(predicted.mean[:, 0], shown, atol=0.01)
+        curve = np.interp(GRID, aligned.times, poses[0, :, 0])
+        assert_allclose(predicted.mean[:, 0], curve, atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -301,5 +301,5 @@ def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
     some = EmpiricalDistribution(aligned).predict(GRID)
     curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
     assert_allclose(some.covariance[4], np.cov(np.array(curves).T), atol=1e-14)
-    one = EmpiricalDistribution(replace(aligned, poses=poses[:1], clocks=None))
-    assert_array_equal(one.predict(GRID).std, 0.0)
+    single = EmpiricalDistribution(replace(aligned, poses=poses[:1], clocks=None))
+    assert_array_equal(single.predict(GRID).std, 0.0)

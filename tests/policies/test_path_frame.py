@@ -79,13 +79,13 @@ def test_directional_law_is_that_of_the_variance_along_it(path, std, correlation
     frame = path_frame(path[0])
     together = np.diag(std[:3] ** 2)
     together[0, 2] = together[2, 0] = correlation * std[0] * std[2]
-    found = directional_std(frame, std, together[0, 2])
+    along = directional_std(frame, std, together[0, 2])
     covariance = frame.T @ together @ frame
-    assert_allclose(found[:3] ** 2, np.diag(covariance), atol=1e-15)
-    assert_array_equal(found[3:], std[3:])
+    assert_allclose(along[:3] ** 2, np.diag(covariance), atol=1e-15)
+    assert_array_equal(along[3:], std[3:])
     # αβ is 6 on all axes, and so it is between them.
-    argument = 6.0 * (found[:3] / (UNEVEN.beta[:3] @ frame**2) - 1.0)
-    stiffness = UNEVEN.stiffness(found, frame)
+    argument = 6.0 * (along[:3] / (UNEVEN.beta[:3] @ frame**2) - 1.0)
+    stiffness = UNEVEN.stiffness(along, frame)
     assert_allclose(stiffness[:3], 500.0 - 400.0 / (1.0 + np.exp(-argument)))
     assert_allclose(stiffness[3:], UNEVEN.stiffness(std)[3:])
     # Of a frame of the axes themselves, it is theirs.
@@ -107,13 +107,13 @@ def test_governor_holds_condition_2_for_matrices(profile, dynamics, dt):
     before = profile.k_min + share * (profile.k_max - profile.k_min)
     governor = StiffnessGovernor(profile, dynamics, (count,))
     governor.step(before, dt, frame=frame)
-    found = governor.step(np.tile(profile.k_max, (count, 1)), dt, frame=turned)
+    governed = governor.step(np.tile(profile.k_max, (count, 1)), dt, frame=turned)
     gamma = decay_rate(profile.k_min, dynamics)[0]
     most = (1.0 + 2.0 * gamma * dt) * before + gamma * dynamics.damping(before)
-    new = found.stiffness + gamma * dynamics.damping(found.stiffness)
+    new = governed.stiffness + gamma * dynamics.damping(governed.stiffness)
     assert np.linalg.eigvalsh(matrix(turned, new) - matrix(frame, most)).max() < 0.0
-    assert found.margin.min() >= 0.0
-    assert (found.stiffness >= profile.k_min).all()
+    assert governed.margin.min() >= 0.0
+    assert (governed.stiffness >= profile.k_min).all()
 
 
 def energies(profile, dynamics, frames, units, dt, *, told=True):
@@ -161,14 +161,14 @@ def test_governor_is_that_of_the_axes_without_a_turn_and_idle_on_a_door(
     alone, turned = (StiffnessGovernor(profile, dynamics) for _ in range(2))
     for _ in range(50):
         target = rng.uniform(profile.k_min, profile.k_max)
-        expected, found = alone.step(target, 0.01), turned.step(target, 0.01, (), frame)
-        assert_allclose(found.stiffness, expected.stiffness, rtol=1e-12)
-        assert_allclose(found.margin, expected.margin, rtol=1e-6)
+        expected, other = alone.step(target, 0.01), turned.step(target, 0.01, (), frame)
+        assert_allclose(other.stiffness, expected.stiffness, rtol=1e-12)
+        assert_allclose(other.margin, expected.margin, rtol=1e-6)
     # A hand at 0.5 m/s on a radius of 0.3 m turns by 1 degree in a period.
     wished, governor = profile.k_max.copy(), StiffnessGovernor(profile, dynamics)
     wished[0] = profile.k_min[0]
-    for each in path_frame(level(np.radians(np.arange(90.0)))):
-        assert_array_equal(governor.step(wished, 0.01, (), each).stiffness, wished)
+    for axes in path_frame(level(np.radians(np.arange(90.0)))):
+        assert_array_equal(governor.step(wished, 0.01, (), axes).stiffness, wished)
 
 
 @given(path=tangents(1), wrench=arrays(np.float64, 6, elements=st.floats(-9, 9)))
@@ -178,10 +178,10 @@ def test_admittance_in_a_frame_is_the_one_of_the_axes_seen_from_there(path, wren
     stiffness = np.array([100.0, 300.0, 500.0, 40.0, 30.0, 20.0])
     turned = np.concatenate([frame.T @ wrench[:3], wrench[3:]])
     for _ in range(20):
-        found = task.step(stiffness, wrench, 0.01, frame=frame)
+        stepped = task.step(stiffness, wrench, 0.01, frame=frame)
         expected = seen.step(stiffness, turned, 0.01)
-        assert_allclose(frame.T @ found[:3], expected[:3], atol=1e-13)
-        assert_array_equal(found[3:], expected[3:])
+        assert_allclose(frame.T @ stepped[:3], expected[:3], atol=1e-13)
+        assert_array_equal(stepped[3:], expected[3:])
 
 
 @given(

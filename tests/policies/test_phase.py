@@ -27,12 +27,12 @@ def arc(radius, angles):
 def follow(skill, poses, config=None, rule=None, start=NOWHERE):
     """Phases, standard deviations and misfits along a path, each from the last."""
     rule = rule or PathPhase(skill, skill.aligned, config or PathPhaseConfig())
-    found, previous = [], start
+    phases, previous = [], start
     for pose in poses:
         seen = rule.update(pose, previous, NOWHERE)
         previous = seen.phase
-        found.append((seen.phase, seen.std, seen.misfit))
-    return np.array(found).T
+        phases.append((seen.phase, seen.std, seen.misfit))
+    return np.array(phases).T
 
 
 def estimate(skill, pose, previous=NOWHERE, **config):
@@ -59,13 +59,13 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     rng, config = np.random.default_rng(0), PathPhaseConfig()
     errors = np.repeat([config.position_noise, config.rotation_noise], 3)
     rule = PathPhase(skill, skill.aligned, PathPhaseConfig(window=(1.0, 1.0)))
-    angle, found = 0.4, []
+    angle, estimates = 0.4, []
     for _ in range(300):
         pose = arc(rng.uniform(0.35, 0.65), [angle])
         seen = turned(pose, PRIOR * rng.normal()) + errors * rng.normal(size=6)
         rule.reset()
-        found.append(follow(skill, seen, rule=rule)[:2, 0])
-    phases, stds = np.array(found).T
+        estimates.append(follow(skill, seen, rule=rule)[:2, 0])
+    phases, stds = np.array(estimates).T
     actual = np.sqrt(np.mean((phases - true_phase(skill, angle)) ** 2))
     assert 0.8 < np.median(stds) / actual < 1.25
 
@@ -88,15 +88,15 @@ def test_a_phase_that_is_stuck_is_freed(skill):
 
 def test_misfit_makes_the_phase_unsure(skill):
     """A hand that has been lifted off the path fits nothing, wherever it is."""
-    pose, there = handle_pose_on_arc(0.5, 0.8), true_phase(skill, 0.8)
-    usual = estimate(skill, pose, there)
+    pose, place = handle_pose_on_arc(0.5, 0.8), true_phase(skill, 0.8)
+    usual = estimate(skill, pose, place)
     assert usual.misfit < 1.0
     lifted = pose + np.array([0.0, 0.2, 0.0, 0.6, 0.0, 0.6])
-    strange = estimate(skill, lifted, there)
+    strange = estimate(skill, lifted, place)
     assert strange.misfit > 2.0
     assert strange.std > 1.5 * usual.std
-    assert estimate(skill, pose, there, least_std=0.07).std == 0.07
-    assert estimate(skill, lifted, there, largest_std=0.01).std == 0.01
+    assert estimate(skill, pose, place, least_std=0.07).std == 0.07
+    assert estimate(skill, lifted, place, largest_std=0.01).std == 0.01
 
 
 def nearest_by_hand(skill, pose, previous):
@@ -104,7 +104,9 @@ def nearest_by_hand(skill, pose, previous):
     grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
     demonstrated = skill.predict(grid)
     poses = normalised(skill.aligned)[0].poses
-    curves = [[np.interp(grid, skill.aligned.times, c) for c in one.T] for one in poses]
+    curves = [
+        [np.interp(grid, skill.aligned.times, c) for c in path.T] for path in poses
+    ]
     positions = np.array(curves)[:, :3]
     mean = positions.mean(axis=0)
     length = np.linalg.norm(mean, axis=0)
@@ -118,8 +120,8 @@ def nearest_by_hand(skill, pose, previous):
     posterior = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).posterior
 
     def cost(index):
-        there, std = demonstrated.mean[index], demonstrated.std[index]
-        turned_by = (there[3:] - pose[3:]) ** 2 / (
+        centre, std = demonstrated.mean[index], demonstrated.std[index]
+        turned_by = (centre[3:] - pose[3:]) ** 2 / (
             std[3:] ** 2 + config.rotation_noise**2
         )
         share = np.hypot(config.distance_share, posterior.size_std)
@@ -154,12 +156,12 @@ def test_search_is_the_one_that_is_defined(skill, previous):
     rng = np.random.default_rng(0)
     for _ in range(20):
         estimator.reset()
-        there = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
-        angle = skill.predict(there[None]).mean[0, 4]
+        place = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
+        angle = skill.predict(place[None]).mean[0, 4]
         pose = handle_pose_on_arc(0.45, angle) + 1e-3 * rng.normal(size=6)
-        found = estimator.update(pose, np.float64(previous), NOWHERE)
+        estimated = estimator.update(pose, np.float64(previous), NOWHERE)
         expected = nearest_by_hand(skill, pose, previous)
-        assert float(found.phase) == pytest.approx(expected, abs=1e-9)
+        assert float(estimated.phase) == pytest.approx(expected, abs=1e-9)
 
 
 def test_rate_is_the_derivative_of_the_mean(skill):

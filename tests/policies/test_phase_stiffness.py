@@ -34,10 +34,11 @@ def pulled(demonstrations, force):
     """The same motions with a constant force in the axes of the hand [N]."""
     return [
         replace(
-            one, wrenches=np.pad(into_axes(-one.poses[:, 3:], given), ((0, 0), (0, 3)))
+            motion,
+            wrenches=np.pad(into_axes(-motion.poses[:, 3:], forces), ((0, 0), (0, 3))),
         )
-        for one in demonstrations
-        for given in [np.broadcast_to(force, (200, 3))]
+        for motion in demonstrations
+        for forces in [np.broadcast_to(force, (200, 3))]
     ]
 
 

@@ -76,9 +76,9 @@ def moved(via_point, prior_mean):
 def test_far_from_the_demonstrations_the_mean_is_the_prior_mean(fit, doors):
     learned = fit_residual(doors, Line(), partial(FITS[fit], centred=False))
     assert_allclose(learned.predict(FAR).mean, Line().mean(FAR), rtol=0.0, atol=1e-6)
-    own, plain = learned.predict(GRID), FITS[fit](doors).predict(GRID)
+    around, plain = learned.predict(GRID), FITS[fit](doors).predict(GRID)
     # Where there are demonstrations they say where to go.
-    assert np.sqrt(np.mean(((own.mean - plain.mean) / plain.std) ** 2)) < 0.2
+    assert np.sqrt(np.mean(((around.mean - plain.mean) / plain.std) ** 2)) < 0.2
 
 
 @pytest.mark.parametrize("output", [0, 4])

@@ -52,12 +52,12 @@ def test_parts_are_what_they_were_joined_from(forces):
     teacher, rng = Teacher(forces=forces), np.random.default_rng(0)
     reached, opening = teacher.demonstrate_reach(rng), teacher.demonstrate(0.5, rng)
     whole = join_at_grasp(reached, opening)
-    for part, given in zip(
+    for part, original in zip(
         split_at_grasp(whole, whole.times >= 0.0), (reached, opening), strict=True
     ):
-        assert np.array_equal(part.times, given.times)
-        assert np.array_equal(part.poses, given.poses)
-        assert np.array_equal(part.wrenches, given.wrenches)
+        assert np.array_equal(part.times, original.times)
+        assert np.array_equal(part.poses, original.poses)
+        assert np.array_equal(part.wrenches, original.wrenches)
     if forces is not None:
         assert not whole.wrenches[whole.times < 0.0].any()
 
@@ -88,9 +88,9 @@ def test_it_hands_over_once_when_the_gripper_has_closed(reach):
     then = Holding()
     agent = ReachingAgent(reach, as_agent(then))
     steps = commands(agent, ELSEWHERE, reach.duration + CLOSING + 0.5)
-    own = [step.action[0] != 0.5 for step in steps]
-    lasting = sum(own) * CONTROL_PERIOD
-    assert own == sorted(own, reverse=True)
+    reaching = [step.action[0] != 0.5 for step in steps]
+    lasting = sum(reaching) * CONTROL_PERIOD
+    assert reaching == sorted(reaching, reverse=True)
     assert lasting == pytest.approx(reach.duration + CLOSING, abs=1.5 * CONTROL_PERIOD)
     assert then.begun == pytest.approx([lasting])
     commands(agent, ELSEWHERE, 0.1)

@@ -47,17 +47,17 @@ def test_demonstrations_must_start_at_the_closed_handle(
 def test_motions_of_any_task_are_learned(name):
     # In the plane, far from the origin, of different lengths, rates and starts.
     rng = np.random.default_rng(0)
-    shown = []
+    motions = []
     for number in range(4):
         times = np.linspace(0.0, 2.0 + number, 80 + 40 * number)
         share = times / times[-1]
         start = [5.0, 2.0] + 0.1 * rng.normal(size=2)
         way = np.column_stack([share, 0.3 * np.sin(6.0 * share)])
-        shown.append(Demonstration.from_positions(times, start + way))
+        motions.append(Demonstration.from_positions(times, start + way))
     method = POLICIES[name].method
-    movement = method.learn(TrainingInput(demonstrations=shown))
+    movement = method.learn(TrainingInput(demonstrations=motions))
     mean = movement.predict(np.array([0.0, movement.aligned.end])).mean
     assert_allclose(mean[:, 0], [5.0, 6.0], atol=0.2)
     assert_allclose(mean[:, 2:], 0.0, atol=1e-3)
     with pytest.raises(ValueError, match=r"demonstration 0 .* closed handle"):
-        make_agent(name, shown)
+        make_agent(name, motions)

@@ -108,6 +108,6 @@ def test_a_slow_hand_that_gets_somewhere_does_not_rest(creep):
     poses[:, 0] = 0.25 * creep * np.minimum(times, 4.0) + 0.6 * pull**2 * (
         3.0 - 2.0 * pull
     )
-    shown, rests = without_rests(Demonstration(times=times, poses=poses))
+    kept, rests = without_rests(Demonstration(times=times, poses=poses))
     assert rests == ()
-    assert shown.poses[0, 0] == 0.0
+    assert kept.poses[0, 0] == 0.0

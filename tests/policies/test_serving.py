@@ -471,10 +471,10 @@ def test_a_server_that_ends_or_refuses_is_an_error_of_the_client(tmp_path):
 
 
 def test_a_client_takes_no_other_command_for_its_reply():
-    said = [{"type": "hello", "control": "pose"}, {"type": "ready", "seq": 1}]
+    sent = [{"type": "hello", "control": "pose"}, {"type": "ready", "seq": 1}]
     for x, seq, more in ((1.0, 2, {"unsolicited": True}), (2.0, 1, {}), (3.0, 2, {})):
-        said.append({"type": "command", "seq": seq, "pose": [x] + [0.0] * 5, **more})
-    lines = "\n".join(map(json.dumps, said))
+        sent.append({"type": "command", "seq": seq, "pose": [x] + [0.0] * 5, **more})
+    lines = "\n".join(map(json.dumps, sent))
     says = [sys.executable, "-S", "-c", f"print({lines!r}, flush=True); input()"]
     agent = RemoteAgent(says)
     seen = {"time": np.zeros(1), "ee_pose": np.zeros(6), "wrench": np.zeros(6)}

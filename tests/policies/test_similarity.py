@@ -56,11 +56,11 @@ def seen(similarity, noise):
 def test_demonstrations_are_brought_to_one_size_and_heading():
     sizes, yaws = np.array([0.35, 0.5, 0.62]), np.array([0.02, -0.05, 0.04])
     poses = np.stack([turned(arc(r), y) for r, y in zip(sizes, yaws, strict=True)])
-    found, log_sizes = normalised(AlignedDemonstrations(times=TIMES, poses=poses))
+    similar, log_sizes = normalised(AlignedDemonstrations(times=TIMES, poses=poses))
     assert_allclose(log_sizes, np.log(sizes) - np.log(sizes).mean(), atol=1e-12)
     # Of the mean size and heading.
     mean = turned(arc(np.exp(np.log(sizes).mean())), yaws.mean())
-    assert_allclose(found.poses[..., :3], [mean[:, :3]] * 3, atol=1e-12)
+    assert_allclose(similar.poses[..., :3], [mean[:, :3]] * 3, atol=1e-12)
 
 
 def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
@@ -136,8 +136,8 @@ def test_demonstrations_dilute_the_prior_of_the_size(count):
     aligned = AlignedDemonstrations(times=TIMES, poses=poses)
     config = SimilarityConfig(size_std=0.3, size_weight=4.0)
     expected = 4.0 * 0.3**2 * (1.0 + 1.0 / count) / (4.0 + count - 1)
-    found = SimilarityModel.of(aligned, config).log_sizes[-1] / 2.5
-    assert found == pytest.approx(np.sqrt(expected))
+    std = SimilarityModel.of(aligned, config).log_sizes[-1] / 2.5
+    assert std == pytest.approx(np.sqrt(expected))
 
 
 def test_states_advance_as_their_process():
@@ -213,8 +213,8 @@ def test_a_straight_continuation_hides_no_size():
     aligned = continued(repeated(out_and_along(0.06), 0, 6 * (0.5,)), 0.5)
     # The prior of `test_demonstrations_dilute_the_prior_of_the_size`.
     expected = np.sqrt(12.0 * 0.35**2 * (1.0 + 1.0 / 6.0) / (12.0 + 5.0))
-    found = SimilarityModel.of(aligned).log_sizes[-1] / 2.5
-    assert found == pytest.approx(expected, rel=0.01)
+    std = SimilarityModel.of(aligned).log_sizes[-1] / 2.5
+    assert std == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("deviations", [0.0, 0.5, 1.0, 1.25, 1.75, 2.0, 9.0])

@@ -160,9 +160,9 @@ def test_one_demonstration_leaves_the_size_open(noise):
     with pytest.warns(UserWarning, match="assumed to be larger or smaller by 25%"):
         skill = fit_skill(aligned(poses), noise=noise)
     predicted, scatter = skill.predict(TIMES), skill.processes.moments(TIMES)
-    own = predicted.std**2 - (SIZE_STD * (scatter.mean - scatter.mean[0])) ** 2
+    rest = predicted.std**2 - (SIZE_STD * (scatter.mean - scatter.mean[0])) ** 2
     least = scatter.noise + np.maximum(scatter.latent, skill.smoothness * scatter.noise)
-    assert_allclose(own, least, atol=1e-9)
+    assert_allclose(rest, least, atol=1e-9)
     assert predicted.degrees_of_freedom is None
     diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
     assert_allclose(np.sqrt(diagonal), predicted.std)

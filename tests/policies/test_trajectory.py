@@ -39,8 +39,8 @@ def test_coverage_is_the_level_where_the_distribution_is_right(level):
     # Three standard errors of a share of 120,000 numbers.
     assert distribution.coverage(poses, level) == pytest.approx(level, abs=0.005)
     normal = 2.0 * t.cdf(norm.ppf(0.5 + 0.5 * level), free) - 1.0
-    found = distribution.coverage(poses, level, normal=True)
-    assert found == pytest.approx(normal, abs=0.005)
+    coverage = distribution.coverage(poses, level, normal=True)
+    assert coverage == pytest.approx(normal, abs=0.005)
 
 
 def test_density_is_that_of_a_normal_distribution():
@@ -71,12 +71,12 @@ def table(path):
 def test_rows_are_the_predicted_poses_at_their_times(skill, tmp_path):
     trajectory = skill.predict(TIMES)
     trajectory.to_csv(tmp_path / "new" / "a.csv", duration=8.0)
-    found = table(tmp_path / "new" / "a.csv")
-    assert_array_equal(found[:, 0], 8.0 * TIMES)
-    assert_array_equal(found[:, 1:4], trajectory.mean[:, :3])
-    assert_array_equal(found[:, 8:], trajectory.std)
+    written = table(tmp_path / "new" / "a.csv")
+    assert_array_equal(written[:, 0], 8.0 * TIMES)
+    assert_array_equal(written[:, 1:4], trajectory.mean[:, :3])
+    assert_array_equal(written[:, 8:], trajectory.std)
     expected = Rotation.from_rotvec(trajectory.mean[:, 3:].copy())
-    apart = (Rotation.from_quat(found[:, 4:8]) * expected.inv()).magnitude()
+    apart = (Rotation.from_quat(written[:, 4:8]) * expected.inv()).magnitude()
     assert_allclose(apart, 0.0, atol=1e-15)
 
 
