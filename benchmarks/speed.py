@@ -1,14 +1,13 @@
 """Speed of the method and of the environment: python benchmarks/speed.py [PARTS ...].
 
-Prints the times that docs/benchmark.md and docs/learners.md show. Actions run in turns
-within one process, with one BLAS thread, so that other load slows all of them equally.
-Times are CPU times, medians over the rounds. The part ``warp`` needs the extra warp.
+Prints the times that docs/benchmark.md shows. Actions run in turns within one process,
+with one BLAS thread, so that other load slows all of them equally. Times are CPU times,
+medians over the rounds.
 """
 
 import copy
 import functools
 import gc
-import importlib
 import itertools
 import os
 import tempfile
@@ -16,7 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -25,7 +24,7 @@ import tyro
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID, RL_ENVIRONMENT_ID
+from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.episodes.rollout import rollout
@@ -196,25 +195,6 @@ def vectors(repeats: int, counts: tuple[int, ...] = (2, 64, 256)) -> Rows:
         yield row(f"{name}, speed over SyncVectorEnv", sync / wall, "×")
 
 
-def on_warp(repeats: int, counts: tuple[int, ...], device: str | None) -> Rows:
-    """Time resting hands at many doors, on MuJoCo Warp and on MuJoCo's threads."""
-    warp = importlib.import_module("warp")
-    make_warp = importlib.import_module("gplfd_env.envs.warp").make_warp
-    warp.config.log_level = warp.LOG_WARNING
-    if device is not None:
-        warp.set_device(device)
-    for count in counts:
-        envs = gym.make_vec(RL_ENVIRONMENT_ID, count), make_warp(count)
-        names = "MuJoCo", f"Warp on {warp.get_device()}"
-        still = [np.zeros((count, 6), np.float32)] * 60
-        actions = {
-            name: stepping(some, still, count)
-            for name, some in zip(names, envs, strict=True)
-        }
-        for name, (_, wall) in measure(actions, repeats).items():
-            yield row(f"{count} doors, {name}", 1.0 / wall, "control steps/s")
-
-
 def agents(repeats: int, counts: tuple[int, ...] = (2, 64), periods: int = 250) -> Rows:
     """Time `gp` in closed loop, alone and in lockstep, and the recording of it."""
     demonstrations = Teacher().standard_demonstrations(seed=0)
@@ -254,40 +234,30 @@ def agents(repeats: int, counts: tuple[int, ...] = (2, 64), periods: int = 250) 
     yield row("recording of an episode over the rollout", recording / opening, "×")
 
 
-Part = Literal["method", "environment", "vectors", "agents", "warp"]
+PARTS: dict[str, Callable[[int], Rows]] = {
+    "method": method,
+    "environment": environment,
+    "vectors": vectors,
+    "agents": agents,
+}
 
 
 def main(
-    parts: tyro.conf.Positional[tuple[Part, ...]] = (
-        *("method", "environment"),
-        *("vectors", "agents"),
-    ),
-    repeats: int = 5,
-    counts: tuple[int, ...] = (1, 8, 64),
-    device: str | None = None,
+    parts: tyro.conf.Positional[tuple[str, ...]] = tuple(PARTS), repeats: int = 5
 ) -> None:
     """Measure the parts and print a table.
 
     Args:
-        parts: What to measure; about a minute each.
+        parts: What to measure: method, environment, vectors, agents; a minute each.
         repeats: Rounds of every measurement, 1 or more.
-        counts: Numbers of doors of the part warp; thousands are for a GPU.
-        device: Warp's device, for example cpu or cuda:0; by default Warp chooses.
     """
-    measures: dict[Part, Callable[[int], Rows]] = {
-        "method": method,
-        "environment": environment,
-        "vectors": vectors,
-        "agents": agents,
-        "warp": functools.partial(on_warp, counts=counts, device=device),
-    }
     state = code_state()
     print(f"commit {state['git']}, {state['versions']}, load {os.getloadavg()[0]:.1f}")
     gc.disable()
     with threadpool_limits(1), warnings.catch_warnings():
         # Teachers with sensor noise, about which `align` warns.
         warnings.simplefilter("ignore", UserWarning)
-        rows = tuple(line for part in parts for line in measures[part](repeats))
+        rows = tuple(line for part in parts for line in PARTS[part](repeats))
     print(text_table(Table(columns=("what", "measured"), rows=rows)))
 
 

@@ -20,7 +20,7 @@ from gplfd_experiments.analysis.figures import (
 )
 from gplfd_experiments.analysis.figures.adaptation import decisions, expectation
 from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.workflows import figures as module

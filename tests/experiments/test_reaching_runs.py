@@ -13,7 +13,7 @@ from gplfd_experiments.episodes.build import demonstrations_of
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.recording.lanes import stages
+from gplfd_experiments.recording.panels import stages
 from gplfd_policies import POLICIES, TrainingInput, as_agent
 from gplfd_policies.agents.reaching import (
     GRASPED,

@@ -15,13 +15,18 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.episode import mean_radius, record_episode
-from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
 from gplfd_experiments.recording.motion import (
     N_RINGS,
     N_SIDES,
-    QUANTILE,
     tube_triangles,
     tube_vertices,
+)
+from gplfd_experiments.recording.panels import (
+    LEVELS,
+    QUANTILE,
+    SCALE,
+    recent_mean,
+    stages,
 )
 from gplfd_experiments.recording.scene import (
     drawn_scene,

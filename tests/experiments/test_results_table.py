@@ -7,15 +7,13 @@ from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     counted,
     ranked,
-)
-from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.analysis.results.statistics import success_rate
-from gplfd_experiments.analysis.results.table import (
     remarks,
     run_table,
     study_rows,
     study_table,
 )
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.statistics import success_rate
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.files.table import FIRST, Table, markdown_table, text_table
 

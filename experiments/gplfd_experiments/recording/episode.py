@@ -17,7 +17,7 @@ from gplfd_env.doors.config import HingeSide
 from gplfd_experiments.data.preparation.frames import find_hinge
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
-from gplfd_experiments.recording import lanes, motion, panels, parts
+from gplfd_experiments.recording import motion, panels, parts
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene, view_3d
 from gplfd_experiments.recording.stream import TEXT, page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -84,10 +84,10 @@ def episode_chunks(
     yield from motion.policy_motion(log)
     yield from motion.hand_motion(log)
     yield from motion.hand_stiffness(log)
-    yield from lanes.stiffness_lane(log)
+    yield from panels.stiffness_lane(log)
     yield from parts.disturbance_chunks(log)
     yield from parts.mechanism(log, model)
-    yield from lanes.stage_lane(log)
+    yield from panels.stage_lane(log)
     yield _page(log, len(demonstrations))
 
 
@@ -171,7 +171,7 @@ def layout(
         for name, plots in panels.TABS.items()
     }
     stages: rrb.Container | rrb.View
-    stages = rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness")
+    stages = rrb.StateTimelineView(origin=panels.STAGES, name="Stage and stiffness")
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if kinds:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])

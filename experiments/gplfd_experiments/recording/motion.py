@@ -21,7 +21,7 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.lanes import colour_of, mean_stiffness
+from gplfd_experiments.recording.panels import QUANTILE, colour_of, mean_stiffness
 from gplfd_experiments.recording.scene import task_frame
 from gplfd_experiments.recording.stream import frames, moving, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -39,9 +39,6 @@ STIFFNESS: Final = f"{ROOT}/hand/stiffness"
 
 Float32Array = NDArray[np.float32]
 """As exact as the viewer draws."""
-QUANTILE: Final = 1.96
-"""Half-width of all bands in standard deviations: the normal quantile of the central
-95 % of one output. With few demonstrations such a band contains less than 95 %."""
 N_RINGS, N_SIDES = 32, 12
 """Cross-sections along the path, and corners of each."""
 

@@ -22,12 +22,12 @@ from gplfd_env.scene.door import CLOSER_ARM
 from gplfd_env.scene.handle import GAP
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording import colours, lanes, motion, panels
+from gplfd_experiments.recording import colours, motion, panels
 from gplfd_experiments.recording.panels import Line
 from gplfd_experiments.recording.scene import kinematics
 from gplfd_experiments.recording.stream import frames, moving, static
 
-LATCH: Final = f"{lanes.ROOT}/latch"
+LATCH: Final = f"{panels.STAGES}/latch"
 """Entity of the lane with the state of the bolt."""
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
@@ -121,7 +121,7 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
         states = [
             (float(log.times[row]), name) for row, name in bolt_states(log, model)
         ]
-        yield from lanes.lane(LATCH, _BOLT_STATES, states)
+        yield from panels.lane(LATCH, _BOLT_STATES, states)
     # The tendon of a closer's arm, if it has a colour.
     arms = [i for i in range(model.ntendon) if model.tendon(i).name == CLOSER_ARM]
     for arm in (i for i in arms if model.tendon_rgba[i, 3] > 0.0):

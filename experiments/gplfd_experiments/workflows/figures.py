@@ -7,7 +7,7 @@ from typing import Any
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.figures.drawing import FIGURES, draw_figure
-from gplfd_experiments.analysis.figures.material import POLICY, Material
+from gplfd_experiments.analysis.figures.style import POLICY, Material
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.episodes.build import (

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import opening_motion, prediction_errors
 from gplfd_experiments.files.arrays import FloatArray

@@ -13,8 +13,11 @@ from gplfd_experiments.analysis.figures import (
     stiffness,
     synthetic,
 )
-from gplfd_experiments.analysis.figures.material import Material
-from gplfd_experiments.analysis.figures.style import paper_style, write_figure
+from gplfd_experiments.analysis.figures.style import (
+    Material,
+    paper_style,
+    write_figure,
+)
 from gplfd_policies.arrays.storage import complete_or_absent
 
 

@@ -12,7 +12,7 @@ from scipy.special import chdtri, fdtri
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.movements.movement import GaussianTrajectory

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.material import POLICY, Material
+from gplfd_experiments.analysis.figures.style import POLICY, Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_policies.agents.agent import CompliantAgent

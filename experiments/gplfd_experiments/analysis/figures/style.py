@@ -1,7 +1,8 @@
-"""Style of the figures: sizes, colours on white paper, file output."""
+"""Input and style of the figures: sizes, colours on white paper, file output."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any, Final
@@ -12,14 +13,29 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""
 PAGE: Final = 7.16
 """Width of a journal's page of two columns [inch]."""
+
+POLICY: Final = "gp"
+"""Policy whose episodes figures show; other policies get the same observations."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Material:
+    """Episodes by door, the demonstrations of their policy, and the common seed."""
+
+    seed: int
+    demonstrations: LabelledDemonstrations
+    episodes: Mapping[str, EpisodeLog]
+
 
 _STYLE: Final[Mapping[str, Any]] = {
     "font.family": "DejaVu Sans",

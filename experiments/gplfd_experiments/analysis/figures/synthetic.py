@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.special import ndtr, ndtri, stdtrit
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.figures.material import Material
+from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.data.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,

@@ -28,6 +28,8 @@ from gplfd_experiments.analysis.results.measures import (
     counted,
     grouped,
     ranked,
+    study_rows,
+    study_table,
 )
 from gplfd_experiments.analysis.results.reading import SPLITS, EpisodeResult
 from gplfd_experiments.analysis.results.statistics import (
@@ -39,7 +41,6 @@ from gplfd_experiments.analysis.results.statistics import (
     signed_rank,
     success_rate,
 )
-from gplfd_experiments.analysis.results.table import study_rows, study_table
 from gplfd_experiments.files.table import Table
 
 Episodes = Sequence[EpisodeResult]

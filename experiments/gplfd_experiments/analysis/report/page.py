@@ -26,9 +26,9 @@ from gplfd_experiments.analysis.results.measures import (
     counted,
     grouped,
     ranked,
+    remarks,
 )
 from gplfd_experiments.analysis.results.reading import StudyResults
-from gplfd_experiments.analysis.results.table import remarks
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.files.plain_data import write_json

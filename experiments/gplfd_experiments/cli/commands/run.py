@@ -43,7 +43,7 @@ class Run(RunSettings):
 
     def execute(self) -> int:
         """Open the doors and print a table; `FAILED` if the policy raised an error."""
-        from gplfd_experiments.analysis.results.table import run_table
+        from gplfd_experiments.analysis.results.measures import run_table
         from gplfd_experiments.console.progress import LOG
         from gplfd_experiments.episodes.metrics import late_decisions
         from gplfd_experiments.files.folders import file_name, folder_in_use

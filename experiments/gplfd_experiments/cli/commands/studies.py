@@ -55,7 +55,7 @@ class Benchmark:
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
-        from gplfd_experiments.analysis.results.table import write_tables
+        from gplfd_experiments.analysis.results.measures import write_tables
         from gplfd_experiments.files.folders import folder_in_use
         from gplfd_experiments.files.plain_data import json_text, naming
         from gplfd_experiments.files.table import FIRST, text_table
@@ -225,8 +225,8 @@ class Report:
     def execute(self) -> int:
         """Write the pages, print their location; `FAILED` if all tasks failed."""
         from gplfd_experiments.analysis.report.page import unfinished, write_report
+        from gplfd_experiments.analysis.results.measures import write_rows
         from gplfd_experiments.analysis.results.reading import read_results
-        from gplfd_experiments.analysis.results.table import write_rows
         from gplfd_experiments.console.arguments import check_folder
         from gplfd_experiments.console.progress import LOG
 
