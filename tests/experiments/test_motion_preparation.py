@@ -171,8 +171,8 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
         (moved(100, 103, [0.23, 0, 0]), 398, True, "3 samples of short jumps"),
         (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
-        ({"positions": 1e3 * POSITIONS}, 401, True, "are positions in millimetres?"),
-        ({"positions": 1e-3 * POSITIONS}, 401, True, "mm: is the unit right?"),
+        ({"positions": 1e3 * POSITIONS}, 401, True, "m: is the unit right?"),
+        ({"positions": 1e-3 * POSITIONS}, 401, True, "m: is the unit right?"),
     ],
 )
 def test_what_is_mended_or_suspicious_is_said(given, kept, warning, note):

@@ -117,11 +117,8 @@ def _motion(
     samples = timing.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.positions, axis=0).max())
-    if span > _LARGE:
-        unit = "millimetres" if span > 100.0 * _LARGE else "centimetres"
-        notes.warn(f"it spans {span:.3g} m: are positions in {unit}? say --units")
-    elif span < _SMALL:
-        notes.warn(f"it spans {1e3 * span:.2g} mm: is the unit right? say --units")
+    if not _SMALL <= span <= _LARGE:
+        notes.warn(f"it spans {span:.3g} m: is the unit right? say --units")
     samples = timing.filtered(samples, settings.cutoff, notes)
     if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))

@@ -34,8 +34,8 @@ from gplfd_experiments.data.teacher.random_motion import (
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
-_BEFORE_STOP: Final = math.radians(1.0)
-"""A leaf without a hinge is opened to this angle before its stop [rad]."""
+_DEGREE: Final = math.radians(1.0)
+_BEFORE_STOP: Final = _DEGREE  # A leaf without a hinge is opened so far [rad].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,15 +48,13 @@ class TeacherConfig(Quantities):
     """Standard deviation of the duration; no opening is shorter than half the mean."""
     angle_mean: float = quantity(DEMONSTRATED_ANGLE, unit="rad", low=0.1, high=2.5)
     """Mean final door angle."""
-    angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
+    angle_std: float = quantity(_DEGREE, unit="rad", low=0.0, high=0.5)
     """Standard deviation of the final door angle."""
     timing_std: float = quantity(0.25, low=0.0, high=1.0)
     """Unevenness of the timing, always forwards: standard deviation of the log of the
     local speed-up."""
     wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
-    wobble_rotation_std: float = quantity(
-        math.radians(1.0), unit="rad", low=0.0, high=1.0
-    )
+    wobble_rotation_std: float = quantity(_DEGREE, unit="rad", low=0.0, high=1.0)
     """Hand moving and turning on the bar: standard deviation per axis."""
     wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
     """Correlation time of the wobble."""
@@ -68,9 +66,7 @@ class TeacherConfig(Quantities):
     sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
     """Suit's sampling rate."""
     noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
-    noise_rotation_std: float = quantity(
-        math.radians(0.3), unit="rad", low=0.0, high=1.0
-    )
+    noise_rotation_std: float = quantity(0.3 * _DEGREE, unit="rad", low=0.0, high=1.0)
     """Suit's noise after its filters: standard deviation per axis."""
     noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
     """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
