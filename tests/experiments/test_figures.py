@@ -11,15 +11,9 @@ import pytest
 from matplotlib.collections import FillBetweenPolyCollection
 from scipy.stats import f as fisher
 
-from gplfd_experiments.analysis.figures import (
-    adaptation,
-    learned,
-    stiffness,
-    style,
-    synthetic,
-)
-from gplfd_experiments.analysis.figures.adaptation import decisions, expectation
+from gplfd_experiments.analysis.figures import learned, openings, style, synthetic
 from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
+from gplfd_experiments.analysis.figures.openings import decisions, expectation
 from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
@@ -234,7 +228,7 @@ def test_fig07_radius_holds_95_percent():
 def test_fig09_adaptive_predicts_better_than_fixed(opened):
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
-    opening = adaptation.reviewed(log, agent, (0.1, 0.25, 0.4))
+    opening = openings.reviewed(log, agent, (0.1, 0.25, 0.4))
     adaptive, fixed = (errors.mean(axis=0) for errors in opening.errors())
     assert (10.0 * adaptive[[0, 2]] < fixed[[0, 2]]).all()
     # Normal: what the innovations show of the spread is in σ itself.
@@ -246,7 +240,7 @@ def test_fig09_adaptive_predicts_better_than_fixed(opened):
         np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
     # Drawn in the order of the phase: the adaptive mean, and the door's truth.
     rows = style.new_figure(style.PAGE, 3.0).subplots(2, 4)
-    adaptation.draw_opening(rows, opening)
+    openings.draw_opening(rows, opening)
     assert_band(rows[1, 0], opening.initial, 2)
     assert_band(rows[1, 2], opening.stages[2], 2, which=1)
     order = np.argsort(log.decisions.observed_phase[opening.motion], kind="stable")
@@ -264,7 +258,7 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     rates = 0.03 * rng.standard_normal((50, 6))
     log = make_log(n_steps=50, std_rate=rates, stiffness=stiffness_of)
     gains, fall, use = panels = style.new_figure(1.0, 1.0).subplots(3)
-    stiffness.draw_door(panels, log, DEFAULT_PROFILE)
+    openings.draw_door(panels, log, DEFAULT_PROFILE)
     kept = log.decisions
     np.testing.assert_array_equal(gains.lines[1].get_ydata(), kept.stiffness[:, 0])
     for line, output in zip(fall.lines, (0, 2), strict=False):

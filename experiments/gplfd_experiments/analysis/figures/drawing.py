@@ -7,12 +7,7 @@ from typing import Final, NamedTuple
 
 from matplotlib.figure import Figure
 
-from gplfd_experiments.analysis.figures import (
-    adaptation,
-    learned,
-    stiffness,
-    synthetic,
-)
+from gplfd_experiments.analysis.figures import learned, openings, synthetic
 from gplfd_experiments.analysis.figures.style import (
     Material,
     paper_style,
@@ -37,8 +32,8 @@ FIGURES: Final[Mapping[str, PaperFigure]] = {
     "fig04": PaperFigure("Strong and weak via-points", synthetic.fig04),
     "fig06": PaperFigure("From demonstrations to a policy", learned.fig06),
     "fig07": PaperFigure("The policy on the plane of the door", learned.fig07),
-    "fig09": PaperFigure("Adaptation of a policy", adaptation.fig09, adaptation.DOORS),
-    "fig10": PaperFigure("Stiffness and stability", stiffness.fig10, stiffness.DOORS),
+    "fig09": PaperFigure("Adaptation of a policy", openings.fig09, openings.DOORS),
+    "fig10": PaperFigure("Stiffness", openings.fig10, openings.STIFFNESS_DOORS),
 }
 """Figures of the paper by their number."""
 
