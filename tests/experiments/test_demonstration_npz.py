@@ -80,7 +80,7 @@ def test_frame_and_signals_are_kept(saved):
     ("arguments", "message"),
     [
         (([], [0.5]), "0 demonstrations, 1 radii"),
-        ((SHOWN[:1], [-0.5]), r"radius is -0\.5; it must be positive"),
+        ((SHOWN[:1], [-0.5]), r"they must be positive"),
     ],
 )
 def test_every_demonstration_needs_a_label(tmp_path, arguments, message):
@@ -115,7 +115,7 @@ SHORT = {"signals": ["f"], "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)}
         ({"poses_1": None}, "it lacks 'poses_1'"),
         ({"radii": None}, "it lacks 'radii'"),
         ({"radii": np.zeros(0)}, "0 demonstrations, 0 radii"),
-        ({"radii": [0.5, np.inf]}, "radius is inf; it must be positive"),
+        ({"radii": [0.5, np.inf]}, "they must be positive"),
         (STILL, "demonstration 1: .* never moves"),
     ],
 )
