@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from gplfd_experiments.analysis.report.trials import tier_tables
+from gplfd_experiments.analysis.report.doors import tier_tables
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from gplfd_experiments.analysis.report.doors import ordered, trial_table
 from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
-from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
 from gplfd_experiments.analysis.results.trials import Answer, of_trial, summary

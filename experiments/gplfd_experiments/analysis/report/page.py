@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.analysis.report import doors, predictions, trials
+from gplfd_experiments.analysis.report import doors, predictions
 from gplfd_experiments.analysis.report.document import (
     FIGURES,
     Block,
@@ -77,7 +77,7 @@ def report(results: StudyResults, reference: str) -> Document:
         )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
     conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
-    lead = [*_warnings(results), *trials.tier_tables(results)]
+    lead = [*_warnings(results), *doors.tier_tables(results)]
     if conditions:
         lead.append(doors.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
@@ -107,7 +107,7 @@ def report(results: StudyResults, reference: str) -> Document:
         made = shlex.join(map(str, command))
     lead += [Text(text), Text(made, "verbatim")]
 
-    sections = trials.trial_sections(results, reference)
+    sections = doors.trial_sections(results, reference)
     if conditions:
         sections.append(doors.doors_section(conditions, reference))
         tests = [
