@@ -52,15 +52,15 @@ def text_table(table: Table, columns: int | None = None) -> str:
     )
 
 
-def markdown_table(table: Table, shown: Callable[[str], str] = str) -> str:
-    """Write a table of GitHub's Markdown; ``shown`` writes the text of a cell."""
+def markdown_table(table: Table, write: Callable[[str], str] = str) -> str:
+    """Write a table of GitHub's Markdown; ``write`` writes the text of a cell."""
 
     def line(cells: tuple[str, ...]) -> str:
         return f"| {' | '.join(cells)} |"
 
     def written(cell: str) -> str:
         # "[a] [b]" would be a link to b.
-        text = shown(cell).replace("] [", "] \\[")
+        text = write(cell).replace("] [", "] \\[")
         return text.replace("|", "\\|").replace("\n", "<br>")
 
     rule = tuple(

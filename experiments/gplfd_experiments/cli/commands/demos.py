@@ -213,12 +213,12 @@ class Doors:
         from gplfd_experiments.files.folders import file_name
         from gplfd_experiments.files.plain_data import write_json
 
-        found = read_doorbench(self.file)
-        path = self.out or Path(f"{file_name(found.name)}.json")
+        read = read_doorbench(self.file)
+        path = self.out or Path(f"{file_name(read.name)}.json")
         if self.out is None and path.exists():
             raise ValueError(f"{path} exists; name the file to write by --out")
-        write_json(path, found.door.as_dict())
-        print(f"{found.name} is in {path}")
-        for line in found.lost:
+        write_json(path, read.door.as_dict())
+        print(f"{read.name} is in {path}")
+        for line in read.lost:
             print(f"not represented: {line}")
         return 0

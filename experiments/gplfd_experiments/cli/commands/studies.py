@@ -253,7 +253,7 @@ class Report:
         if missing := unfinished(results):
             LOG.warning("warning: %s", missing)
         print(f"{page} and {page.with_suffix('.md')}")
-        return 0 if any(not one.error for one in results.all) else FAILED
+        return 0 if any(not result.error for result in results.all) else FAILED
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
