@@ -26,10 +26,8 @@ hinge, see `gplfd_env.doors.motion`."""
 INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
 """Attributes of a geom that touches nothing."""
 
-DRY_FRICTION: Final[dict[str, Any]] = {
-    "solref_friction": [0.004, 1.0],
-    "solimp_friction": [0.999, 0.999, 0.001, 0.5, 2.0],
-}
+_STIFF: Final = [0.999, 0.999, 0.001, 0.5, 2.0]
+DRY_FRICTION: Final = {"solref_friction": [0.004, 1.0], "solimp_friction": _STIFF}
 """Stiff Coulomb friction: MuJoCo's soft default lets things creep below it."""
 
 UNDRAWN: Final[dict[str, Any]] = {"size": [0.005] * 3, "rgba": [0, 0, 0, 0]}

@@ -27,9 +27,8 @@ def choose_opengl() -> None:
         return
     library = _LIBRARIES.get(way)
     if not way:
-        if not has_display(sys.platform, os.environ) and ctypes.util.find_library(
-            "EGL"
-        ):
+        library = ctypes.util.find_library("EGL")
+        if library and not has_display(sys.platform, os.environ):
             os.environ["MUJOCO_GL"] = "egl"
     elif library is None and way not in (*_OTHERS, *_NONE):
         raise OSError(f"MUJOCO_GL={way} must be egl, osmesa or glfw, or be unset")

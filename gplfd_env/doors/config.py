@@ -208,8 +208,7 @@ class DoorConfig:
         if abs(self.overhang) > _DISAGREEMENT:
             return (
                 f"leaf.width = {leaf.width:g} minus leaf.backset = {leaf.backset:g} is "
-                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; with "
-                "leaf.width None it is computed"
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m"
             )
         if lockset.dead_travel > 0.5 * self.handle_travel:
             return (

@@ -82,14 +82,14 @@ def en1154(size: int, efficiency: float | None = None) -> Closer:
         )
     friction = closing * (1.0 / share - 1.0) / 2.0
     preload = 0.5 * closing + friction
+    boost = {"boost": closing + friction - preload, "boost_angle": _FADED}
     return Closer(
         preload=preload,
-        boost=closing + friction - preload,
-        boost_angle=_FADED,
         friction=friction,
         damping=4.0 + 2.0 * size,
         closing_damping=26.0 + 8.0 * size,
         backcheck_damping=40.0 + 20.0 * size,
+        **boost,
     )
 
 

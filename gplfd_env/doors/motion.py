@@ -56,6 +56,7 @@ _FOUR_BAR_ALONG: Final = (-1.68670e-2, 1.08996e-2, -1.907e-4, -6.774e-4)
 _DEGREE: Final = 4  # Degree of the polynomials in `LeafPath.tangent`.
 
 
+_ALONG_NORMAL: Final = (1.0, *_DEGREE * (0.0,)), (_DEGREE + 1) * (0.0,)
 STICTION_ANGLE: Final = math.radians(0.5)
 """Angle at which the stiction has faded [rad]."""
 
@@ -108,11 +109,9 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
 
 def end_angle(door: DoorConfig) -> float:
     """Return φ at which the leaf meets its stop [rad]."""
-    ends = {
-        "sliding": SUCCESS_ANGLE / CLEAR_WAY,
-        "parallel-sliding": SUCCESS_ANGLE / _ALONG_AT_SUCCESS,
-        "folding": _FLAT / _FOLD_GAIN,
-    }
+    straight = {"sliding": CLEAR_WAY, "parallel-sliding": _ALONG_AT_SUCCESS}
+    ends = {motion: SUCCESS_ANGLE / way for motion, way in straight.items()}
+    ends["folding"] = _FLAT / _FOLD_GAIN
     return min(door.stop_angle, ends.get(door.motion, door.stop_angle))
 
 
@@ -135,10 +134,7 @@ class LeafPath(NamedTuple):
     """Rotation of the leaf about the z axis of the door frame, per φ."""
     circle: Flag = True
     """Whether the handle always moves along the normal of the leaf."""
-    tangent: tuple[tuple[Number, ...], tuple[Number, ...]] = (
-        (1.0, *_DEGREE * (0.0,)),
-        (_DEGREE + 1) * (0.0,),
-    )
+    tangent: tuple[tuple[Number, ...], tuple[Number, ...]] = _ALONG_NORMAL
     """Direction of the path in the leaf's axes (normal, away from the hinge), of any
     length: coefficients of polynomials in φ, the constant first."""
 

@@ -163,25 +163,18 @@ class DoorRandomization:
                 part = fields["closer"] if of_closer else fields
                 value = bounds[0] + share * (bounds[1] - bounds[0])
                 part[name.removeprefix("closer_")] = value
-        errors = {
-            name: (2.0 * next(draws) - 1.0) * width
-            for name, width in (
-                ("base_x", self.base_position),
-                ("base_y", self.base_position),
-                ("base_yaw", self.base_yaw),
-                ("grasp_height", self.grasp_height),
-                ("grasp_depth", self.grasp_depth),
-            )
-        }
-        (position, rotation), (force, torque) = self.pose_noise, self.wrench_noise
+        widths = {"base_x": self.base_position, "base_y": self.base_position}
+        widths |= {"base_yaw": self.base_yaw}
+        widths |= {"grasp_height": self.grasp_height, "grasp_depth": self.grasp_depth}
+        errors = {x: (2.0 * next(draws) - 1.0) * width for x, width in widths.items()}
+        names = "position", "rotation", "force", "torque"
+        noise = dict(zip(names, (*self.pose_noise, *self.wrench_noise), strict=True))
         span = self.longest_delay - self.shortest_delay + 1
         delay = self.shortest_delay + int(next(draws) * span)
         return Variation(
             door=door.replaced(fields),
             placement=Placement(**errors),
-            noise=SensorNoise(
-                position=position, rotation=rotation, force=force, torque=torque
-            ),
+            noise=SensorNoise(**noise),
             delay=min(delay, self.longest_delay),
         )
 
@@ -259,13 +252,8 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
     fields["lockset"] = Lockset(**lockset)
     # There is no closer if the leaf needs a larger one than `_LARGEST`.
     closer = _choice(_CLOSERS, rng)
-    sizes = [
-        size
-        for size, row in EN_1154.items()
-        if size <= _LARGEST
-        and width <= row.widest
-        and fields["panel_mass"] <= row.heaviest
-    ]
+    narrow = [x for x, row in EN_1154.items() if x <= _LARGEST and width <= row.widest]
+    sizes = [x for x in narrow if fields["panel_mass"] <= EN_1154[x].heaviest]
     if closer == "EN 1154" and sizes:
         least = EN_1154[sizes[0]].efficiency
         fields["closer"] = en1154(sizes[0], rng.uniform(least + 0.1, 0.9))

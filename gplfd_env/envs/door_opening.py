@@ -188,13 +188,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
-        return (
-            episode.observation(self._sensed),
-            float(episode.reward),
-            bool(episode.terminated),
-            bool(episode.progress.simulation_error),
-            episode.info(),
-        )
+        diverged = bool(episode.progress.simulation_error)
+        outcome = float(episode.reward), bool(episode.terminated), diverged
+        return episode.observation(self._sensed), *outcome, episode.info()
 
     def render(self) -> Any:
         """Return a picture of the scene, or draw it in a window (``"human"``).

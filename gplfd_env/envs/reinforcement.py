@@ -43,7 +43,6 @@ def refuse_reward(arguments: dict[str, Any]) -> None:
     """Raise a ValueError if a reward is given: the wrappers have their own."""
     if "reward" in arguments:
         raise ValueError(
-            "gplfd/DoorOpeningRL-v1 has its own reward; for other rewards make "
-            "gplfd/DoorOpening-v1 and wrap it in gplfd_env.wrappers.RelativeAction "
-            f"and FlatObservation; got reward={arguments['reward']!r}"
+            "gplfd/DoorOpeningRL-v1 has its own reward; for others wrap "
+            f"gplfd/DoorOpening-v1; got reward={arguments['reward']!r}"
         )

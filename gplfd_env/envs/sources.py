@@ -36,8 +36,8 @@ def commanded_robot(
     if grasp == "weld":
         cause = "a commanded gripper" if command.grips else 'start="approach"'
         raise ValueError(
-            f'grasp="weld" does not go with {cause}: the joint would hold the handle '
-            'without the fingers; leave it at grasp="contact"'
+            f'grasp="weld" does not go with {cause}: the joint would hold the handle; '
+            'leave it at grasp="contact"'
         )
     return Robot("gripper", command, config)
 
@@ -74,9 +74,8 @@ class Sources:
             if not (disturbance.idle or MOTIONS[door.motion].upright_hinge):
                 upright = (name for name in MOTIONS if MOTIONS[name].upright_hinge)
                 raise ValueError(
-                    f"no disturbance of a door with motion = {door.motion!r}: forces "
-                    "and stops are defined for a leaf that turns about an upright "
-                    f"hinge ({', '.join(upright)})"
+                    f"no disturbance of a door with motion = {door.motion!r}: only of "
+                    f"an upright hinge ({', '.join(upright)})"
                 )
 
     @classmethod

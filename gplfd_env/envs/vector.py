@@ -102,11 +102,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.render_mode, self._reward = render_mode, reward
         self.num_envs = n = int(num_envs)
         self.autoreset_mode = AutoresetMode(mode)
-        self.metadata = {
-            "render_modes": ["rgb_array"],
-            "render_fps": round(1 / CONTROL_PERIOD),
-            "autoreset_mode": self.autoreset_mode,
-        }
+        modes, rate = ["rgb_array"], round(1 / CONTROL_PERIOD)
+        self.metadata = {"render_modes": modes, "render_fps": rate}
+        self.metadata["autoreset_mode"] = self.autoreset_mode
         self._robot = commanded_robot(self.command, robot, base, grasp, start)
         specs = door, randomization, disturbance
         self._sources = Sources.of(n, self._robot.config, start, specs)

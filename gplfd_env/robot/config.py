@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -118,11 +118,7 @@ class RobotConfig:
     """Joint that sets the height of the arm."""
     sensor: str
     """First body beyond the force and torque sensor of the wrist."""
-    sensor_rotation: tuple[Vector, Vector, Vector] = (
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0),
-    )
+    sensor_rotation: tuple[Vector, ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     """Axes of `tool` in the frame of `sensor`, a rotation matrix."""
     forearm: str
     """Body on which a disturbance pushes."""
@@ -179,14 +175,10 @@ class RobotConfig:
         )
 
 
+_GROUPS: Final = get_args(Base), get_args(Swing), (*get_args(Handle), "level-bar")
 EVERY_GROUP: Final = tuple(
     StanceGroup(*group)
-    for group in itertools.product(
-        get_args(Base),
-        get_args(Swing),
-        (*get_args(Handle), "level-bar"),
-        get_args(HingeSide)[:2],
-    )
+    for group in itertools.product(*_GROUPS, get_args(HingeSide)[:2])
 )
 """All groups of doors that can share a stance."""
 
@@ -201,16 +193,10 @@ def tabulated_stances(robot: str) -> tuple[tuple[StanceGroup, Stance], ...]:
         rows = [row for row in list(csv.reader(file))[1:] if row[0] == robot]
     for _, base, swing, held, side, *numbers, posture in rows:
         x, y, door_yaw, grasp_yaw, quarters, below, radius, height = map(float, numbers)
-        stance = Stance(
-            handle_xy_w=(x, y),
-            door_yaw=door_yaw,
-            grasp_yaw=grasp_yaw,
-            roll=quarters * math.pi / 2,
-            below_handle=below,
-            closed_posture=tuple(map(float, posture.split())),
-            radius=radius,
-            height=height,
-        )
+        held_as: Any = {"grasp_yaw": grasp_yaw, "roll": quarters * math.pi / 2}
+        held_as |= {"closed_posture": tuple(map(float, posture.split()))}
+        within: Any = {"below_handle": below, "radius": radius, "height": height}
+        stance = Stance(handle_xy_w=(x, y), door_yaw=door_yaw, **held_as, **within)
         stances |= {
             group: stance
             for group in EVERY_GROUP

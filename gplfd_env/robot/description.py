@@ -54,13 +54,9 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
         kind = mujoco.mjtGeom.mjGEOM_MESH
         spec.body(body).add_geom(type=kind, mass=0.0, **geom, **INTANGIBLE)
     first, second = robot.fingers
-    spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=first,
-        name2=second,
-        data=[0.0, 1.0, *[0.0] * 10],
-    )
+    joints = {"type": mujoco.mjtEq.mjEQ_JOINT, "objtype": mujoco.mjtObj.mjOBJ_JOINT}
+    equal = [0.0, 1.0, *[0.0] * 10]
+    spec.add_equality(name1=first, name2=second, data=equal, **joints)
     return spec
 
 

@@ -60,13 +60,8 @@ def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     for name, drive, (kind, axis), inertia in zip(
         BASE_JOINTS, BASE_DRIVES, kinds, _ROTOR_INERTIA, strict=True
     ):
-        root.add_joint(
-            name=name,
-            type=kind,
-            axis=axis,
-            actfrclimited=True,
-            actfrcrange=[-_NO_FORCE, _NO_FORCE],
-        )
+        free = {"actfrclimited": True, "actfrcrange": [-_NO_FORCE, _NO_FORCE]}
+        root.add_joint(name=name, type=kind, axis=axis, **free)
         motors.add_joint(name=f"{drive}_joint", type=kind, axis=axis, armature=inertia)
         joint = {"target": f"{drive}_joint", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
         servo = spec.add_actuator(name=drive, **joint)

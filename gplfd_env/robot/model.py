@@ -84,13 +84,8 @@ def load_robot(control: Control, door: DoorConfig, robot: RobotConfig) -> mujoco
     sensor.add_site(name="wrist_ft", quat=quaternion(to_sensor), **UNDRAWN)
     # A head with pan and tilt keeps the hand in the middle of its picture.
     body, place = robot.head
-    spec.body(body).add_camera(
-        name="head",
-        pos=place,
-        mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
-        targetbody=robot.tool,
-        fovy=60.0,
-    )
+    aim = {"mode": mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY, "targetbody": robot.tool}
+    spec.body(body).add_camera(name="head", pos=place, fovy=60.0, **aim)
     place, right, up = robot.hand_camera
     tool.add_camera(name="hand_camera", pos=place, xyaxes=[*right, *up], fovy=60.0)
 
@@ -127,14 +122,9 @@ def _add_axis_servos(spec: mujoco.MjSpec, names: Sequence[str], first: int) -> N
 
 def _hand_servo(spec: mujoco.MjSpec, name: str, limit: float) -> mujoco.MjsActuator:
     """Add an actuator between the hand and the task frame."""
-    return spec.add_actuator(
-        name=name,
-        target="hand",
-        refsite="task_frame",
-        trntype=mujoco.mjtTrn.mjTRN_SITE,
-        ctrllimited=True,
-        ctrlrange=[-limit, limit],
-    )
+    limits = {"ctrllimited": True, "ctrlrange": [-limit, limit]}
+    to_site = {"refsite": "task_frame", "trntype": mujoco.mjtTrn.mjTRN_SITE}
+    return spec.add_actuator(name=name, target="hand", **to_site, **limits)
 
 
 def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
@@ -151,10 +141,10 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
         for place, along in (("tip", -reach), ("palm", reach)):
             pad.parent.add_geom(
                 name=f"{side}_finger_ridge_{place}",
-                type=mujoco.mjtGeom.mjGEOM_BOX,
                 pos=face + inwards * _RIDGE_HEIGHT / 2 * across + along * back,
                 quat=pad.quat,
                 size=[_RIDGE_HEIGHT / 2, _RIDGE_HALF_WIDTH, _RIDGE_HALF_THICKNESS],
+                type=mujoco.mjtGeom.mjGEOM_BOX,
                 rgba=_RUBBER,
                 mass=0.0,
                 contype=1,
@@ -173,17 +163,11 @@ _PLASTER: Final = (0.80, 0.82, 0.83, 1.0)
 def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     """Add the robot's collision geometry and enable contact with door and walls."""
     for name, body, ends, radius in robot.capsules:
-        spec.body(body).add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=ends,
-            size=[radius, 0, 0],
-            # The links keep their own inertias and visual shapes.
-            mass=0.0,
-            rgba=[0, 0, 0, 0],
-            contype=_ROBOT_BIT,
-            conaffinity=0,
-        )
+        shape = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "size": [radius, 0, 0]}
+        # The links keep their own inertias and visual shapes.
+        shape |= {"mass": 0.0, "rgba": [0, 0, 0, 0]}
+        touches = {"contype": _ROBOT_BIT, "conaffinity": 0}
+        spec.body(body).add_geom(name=name, fromto=ends, **shape, **touches)
     for name in (*OBSTACLES, "wall_hinge", "wall_lock"):
         spec.geom(name).conaffinity = _ROBOT_BIT
 
@@ -198,12 +182,7 @@ def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
         free = (base, door.swing, side) == ("fixed", "push", "lock")
         # Every scene needs the same number of geoms.
         half_width = 1e-3 if free else _WALL_HALF_WIDTH
-        spec.body("door_frame").add_geom(
-            name=f"wall_{side}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[x, y, z + outwards * (wide + half_width)],
-            size=[thick, high, half_width],
-            rgba=_PLASTER,
-            mass=0.0,
-            **INTANGIBLE,
-        )
+        place, size = [x, y, z + outwards * (wide + half_width)], [thick, high]
+        wall = {"type": mujoco.mjtGeom.mjGEOM_BOX, "rgba": _PLASTER, "mass": 0.0}
+        wall |= {"name": f"wall_{side}", "pos": place, "size": [*size, half_width]}
+        spec.body("door_frame").add_geom(**wall, **INTANGIBLE)

@@ -128,9 +128,8 @@ def solve_closed_posture(
     error, reached = _bring_hand(model, data, robot)
     if not reached:
         raise ValueError(
-            "the arm cannot hold the closed handle from where the robot stands "
-            f"(pose error {error:.2g}); move the base back towards its "
-            "nominal placement or choose another handle height"
+            f"the arm cannot hold the closed handle (pose error {error:.2g}); move the "
+            "base towards its nominal placement or choose another handle height"
         )
     return np.array(data.qpos)
 
@@ -145,9 +144,8 @@ def solve_standoff_posture(
         _, reached = _bring_hand(model, data, robot, share * away)
     if not reached:
         raise ValueError(
-            "the arm cannot draw the hand back from the handle by "
-            f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "
-            'handle height, or start="grasped"'
+            f"the arm cannot draw the hand back by {np.linalg.norm(away):.2f} m; "
+            'choose another handle height, or start="grasped"'
         )
 
 
@@ -213,8 +211,7 @@ def check_reach(door: DoorConfig, robot: RobotConfig, start: Start = "grasped") 
     if (start, robot.base, door.swing) == ("approach", "fixed", "push"):
         raise ValueError(
             'start="approach" is out of reach before a door that is pushed with '
-            'base="fixed": the robot stands too near to draw its hand back; give '
-            'base="mobile"'
+            'base="fixed"; give base="mobile"'
         )
     if robot.base == "fixed" and not MOTIONS[door.motion].upright_hinge:
         raise ValueError(

@@ -59,8 +59,7 @@ def _named(name: str) -> RobotConfig:
         return replace(arm, stances=tabulated_stances(name), search=None)
     raise ValueError(
         f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
-        f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), tool and so on, "
-        "or a RobotConfig"
+        f"{', '.join(ROBOTS)}, a .urdf, a .json with path (of a URDF), or a RobotConfig"
     )
 
 
@@ -76,7 +75,6 @@ def _of_file(name: str, content: tuple[bytes, ...]) -> RobotConfig:
         return robot_of_urdf(path, **arguments | lists)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(
-            f"{name} does not describe a robot: {error}; it must be an object with "
-            "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
-            "fingers and grasp_point"
+            f"{name} does not describe a robot: {error}; it must be an object with the "
+            "arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path and tool"
         ) from error

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -243,16 +243,12 @@ class _Tries(NamedTuple):
     def stance(self, row: int, radius: float, height: float) -> Stance:
         """Return a try as a stance."""
         x, y, z = self.handles[row].tolist()
-        return Stance(
-            handle_xy_w=(x, y),
-            door_yaw=float(self.yaws[row]),
-            grasp_yaw=float(self.grasp_yaws[row]),
-            roll=float(self.rolls[row]),
-            below_handle=z,
-            closed_posture=tuple(self.postures[row].tolist()),
-            radius=radius,
-            height=height,
-        )
+        turns = self.yaws, self.grasp_yaws, self.rolls
+        yaw, grasp_yaw, roll = (float(angles[row]) for angles in turns)
+        posture = tuple(self.postures[row].tolist())
+        held: Any = {"grasp_yaw": grasp_yaw, "roll": roll, "closed_posture": posture}
+        within = {"below_handle": z, "radius": radius, "height": height}
+        return Stance(handle_xy_w=(x, y), door_yaw=yaw, **held, **within)
 
 
 def _search(
@@ -297,12 +293,14 @@ def _search(
         number, end = min(int(scores[best[0]]), len(path) - 1), last[best[0]]
         places, _, _, loads = arm.hand(end[None])
         away = tries.poses(path[number])[0][best[0]] - places[0]
-        causes = (
-            (loads[0] > _LOAD, "too heavy for its effort"),
-            (np.minimum(end - arm.low, arm.high - end) < 0.1, "at a limit"),
-            (end == end, "stretched"),
-        )
-        joints, cause = next((are, cause) for are, cause in causes if are.any())
+        joints, cause = loads[0] > _LOAD, "too heavy for its effort"
+        if not joints.any():
+            joints, cause = (
+                np.minimum(end - arm.low, arm.high - end) < 0.1,
+                "at a limit",
+            )
+        if not joints.any():
+            joints, cause = end == end, "stretched"
         raise ValueError(
             f"{moments[number]} {' and '.join(np.array(robot.arm)[joints])} {cause}; "
             f"the hand stays {away.round(2).tolist()} m of the base's axes away"
@@ -325,10 +323,8 @@ def at_frame(
     """
     place, axes = np.array(task[:3]), Rotation.from_rotvec(task[3:]).as_matrix()
     if not (np.isfinite(place).all() and tilt_of(task[3:]) <= UPRIGHT):
-        raise ValueError(
-            "the task frame must be finite, and its y upright in the base frame to "
-            f"{UPRIGHT:.0f}°; it points to {axes[:, 1].tolist()}"
-        )
+        tilt = f"{UPRIGHT:.0f}°; it points to {axes[:, 1].tolist()}"
+        raise ValueError(f"y of the task frame must be finite, and upright to {tilt}")
     robot = robot.on("fixed")
     group, (lowest, highest) = StanceGroup.of(door, "fixed"), _Arm.of(robot).lift
     if not robot.stand:

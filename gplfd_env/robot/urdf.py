@@ -138,9 +138,8 @@ def _strokes(
         strokes.append(float(joint.limit.upper or 0.0) if slides else 0.0)
         if not strokes[-1] > 0.0 or grasp_point is None:
             raise ValueError(
-                f"{file}: fingers are two prismatic joints that open from zero to a "
-                f"positive upper limit [m], got {finger!r}; also give grasp_point, "
-                "where their tips meet in the frame of the tool [m]"
+                f"{file}: fingers are two prismatic joints that open from zero, got "
+                f"{finger!r}; give grasp_point, where they meet in the tool's frame"
             )
     return strokes
 
@@ -242,8 +241,8 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[list[tuple[str, str]], str
     ends = list(longest.values())
     if most < 6:
         raise ValueError(
-            f"{file}: {most} turning joints lead to {ends[-1]!r}; a hand at a "
-            "door needs six or more: give tool, the link of the hand"
+            f"{file}: {most} turning joints lead to {ends[-1]!r}, fewer than six: give "
+            "tool, the link of the hand"
         )
     if len({_SIDE.sub("*", key[-1][0]) for key in longest}) > 1 or len(ends) > 2:
         raise ValueError(
@@ -313,9 +312,8 @@ def _limits(
         turns = joint.type == "revolute"
         if turns and (not low < high or max(-low, high) > _MOST_TURNED):
             raise ValueError(
-                f"{file}: the revolute joint {name} has the limits {low:g} to "
-                f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
-                "from lower to upper and within two turns, or "
-                'type="continuous" if it has none'
+                f"{file}: revolute joint {name} has the limits {low:g} to {high:g}; "
+                "give <limit lower=... upper=...> in radians, not degrees, in two "
+                'turns, or type="continuous" if it has none'
             )
     return tuple(replaced.items())

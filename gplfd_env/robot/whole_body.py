@@ -75,13 +75,9 @@ class BaseDrive:
         away = math.hypot(dx, dy)
         share = _approach(away, ACCELERATION[0]) / away if away > 0.0 else 0.0
         turning = math.copysign(_approach(abs(turn), ACCELERATION[1]), turn)
-        self._accelerate(
-            (
-                (x - last[0]) / CONTROL_PERIOD + share * dx,
-                (y - last[1]) / CONTROL_PERIOD + share * dy,
-                (yaw - last[2]) / CONTROL_PERIOD + turning,
-            )
-        )
+        vx = (x - last[0]) / CONTROL_PERIOD + share * dx
+        vy = (y - last[1]) / CONTROL_PERIOD + share * dy
+        self._accelerate((vx, vy, (yaw - last[2]) / CONTROL_PERIOD + turning))
 
     def obey(self, twist: list[float], base: Planar) -> None:
         """Command the base by a twist: ahead, left, turning left [m/s, rad/s]."""
@@ -134,9 +130,10 @@ def led_by(hand: list[float], closed: tuple[float, float], axes: Axes) -> Planar
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
     pull, up, left = axes
+    x = hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy)
     return (
-        hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy),
-        hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
+        x,
+        hy + pull[1] * hand[0] + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
         yaw,
     )
 

@@ -53,41 +53,21 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
     spec.visual.map.znear = 0.02
     # Surfaces near the border of the area with shadows would be speckled.
     spec.visual.map.shadowclip = 2.5
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.92, 0.95, 0.98],
-        rgb2=[0.70, 0.78, 0.86],
-        width=64,
-        height=384,
-    )
-    spec.add_texture(
-        name="tiles",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.80, 0.80, 0.79],
-        rgb2=[0.74, 0.74, 0.73],
-        width=128,
-        height=128,
-    )
+    kind, pattern = mujoco.mjtTexture, mujoco.mjtBuiltin
+    sky = {"rgb1": [0.92, 0.95, 0.98], "rgb2": [0.70, 0.78, 0.86]}
+    sky |= {"type": kind.mjTEXTURE_SKYBOX, "builtin": pattern.mjBUILTIN_GRADIENT}
+    spec.add_texture(name="sky", width=64, height=384, **sky)
+    tiles = {"rgb1": [0.80, 0.80, 0.79], "rgb2": [0.74, 0.74, 0.73]}
+    tiles |= {"type": kind.mjTEXTURE_2D, "builtin": pattern.mjBUILTIN_CHECKER}
+    spec.add_texture(name="tiles", width=128, height=128, **tiles)
     material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4, 4, 0.1],
-        material="tiles",
-        **INTANGIBLE,
-    )
-    spec.worldbody.add_light(
-        name="window",
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0.0, -1.5, 3.0],
-        dir=[0.25, 0.55, -1.0],
-        diffuse=[0.4] * 3,
-        specular=[0.1] * 3,
-    )
+    plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [4, 4, 0.1]}
+    spec.worldbody.add_geom(name="floor", material="tiles", **plane, **INTANGIBLE)
+    light = {"type": mujoco.mjtLightType.mjLIGHT_DIRECTIONAL}
+    light |= {"pos": [0.0, -1.5, 3.0], "dir": [0.25, 0.55, -1.0]}
+    light |= {"diffuse": [0.4] * 3, "specular": [0.1] * 3}
+    spec.worldbody.add_light(name="window", **light)
 
     # Azimuth of "overview" relative to the door's normal, and elevation: chosen in
     # steps of 15° and 10° by the number of visible pixels of hand and handle with the

@@ -14,7 +14,7 @@ from typing import Final
 import mujoco
 
 from gplfd_env.conventions.constants import Array, Control
-from gplfd_env.doors.config import MOTIONS, DoorConfig, Latch, held_radius
+from gplfd_env.doors.config import MOTIONS, DoorConfig, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_JOINTS
@@ -72,15 +72,9 @@ _NET_FORCE: Final = 3
 _PLAIN: Final = DoorConfig(panel_mass=NOMINAL_MASS)
 # Fields of a door and its parts that `set_door_physics` writes into a scene.
 _WRITTEN_LATER: Final = {
-    "": (
-        *("panel_mass", "hinge_friction", "hinge_damping"),
-        *("stiction", "seal", "seal_angle", "closer"),
-    ),
-    "lockset": (
-        *("handle_preload", "handle_stiffness"),
-        *("bolt_preload", "bolt_stiffness"),
-    ),
-    "mechanism": ("strut_stiffness", "strut_dead_angle", "roller_friction"),
+    "": "panel_mass hinge_friction hinge_damping stiction seal seal_angle closer",
+    "lockset": "handle_preload handle_stiffness bolt_preload bolt_stiffness",
+    "mechanism": "strut_stiffness strut_dead_angle roller_friction",
 }
 _SETTLING_TIME: Final = 0.4
 # Penetration of the bar's soft contact under the fingers' 16 N [m].
@@ -105,14 +99,9 @@ def build_spec(
         add_collisions(spec, robot)
     spec.add_key(name="grasp")
     if grasp == "weld":
-        spec.add_equality(
-            name="grasp_weld",
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1="hand",
-            name2="handle",
-            solref=[0.01, 1.0],
-        )
+        kind = {"type": mujoco.mjtEq.mjEQ_WELD, "objtype": mujoco.mjtObj.mjOBJ_SITE}
+        ends = {"name1": "hand", "name2": "handle", "solref": [0.01, 1.0]}
+        spec.add_equality(name="grasp_weld", **kind, **ends)
     return spec
 
 
@@ -163,9 +152,10 @@ def load_scene(
 
 def _nominal(door: DoorConfig) -> DoorConfig:
     """Return a door of the same geometry, with defaults of what is written later."""
-    fields = {name: getattr(_PLAIN, name) for name in _WRITTEN_LATER[""]}
+    fields = {name: getattr(_PLAIN, name) for name in _WRITTEN_LATER[""].split()}
     for part in ("lockset", "mechanism"):
-        plain = {n: getattr(getattr(_PLAIN, part), n) for n in _WRITTEN_LATER[part]}
+        names = _WRITTEN_LATER[part].split()
+        plain = {name: getattr(getattr(_PLAIN, part), name) for name in names}
         fields[part] = dataclasses.replace(getattr(door, part), **plain)
     return dataclasses.replace(door, **fields)
 
@@ -174,10 +164,9 @@ def _nominal(door: DoorConfig) -> DoorConfig:
 def _template(
     structure: Structure, grasp: Hold, control: Control, robot: RobotConfig
 ) -> mujoco.MjModel:
-    latch: Latch = "spring" if structure.latched else "none"
     door = DoorConfig(
         handle=structure.handle,
-        latch=latch,
+        latch="spring" if structure.latched else "none",
         motion=structure.motion,
         hinge_side="bottom" if MOTIONS[structure.motion].level else "right",
         swing="push" if structure.handle == "touch-bar" else "pull",

@@ -47,17 +47,14 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
         tendon = spec.add_tendon(name=name, springlength=[-_ANYWHERE, faded])
         tendon.stiffness[0] = torque / faded
         tendon.wrap_joint("hinge", 1.0)
-    for name, limits in (
+    for name, reach in (
         (_CLOSING, (_ANYWHERE, 2.0 * _ANYWHERE)),
         (_BACKCHECK, (-_ANYWHERE, _ANYWHERE)),
     ):
+        limits = {"limited": True, "range": reach, "solref_limit": [0.0, 0.0]}
+        softness = {"solimp_limit": [_SOFT, _SOFT, 0.001, 0.5, 2.0]}
         damper = spec.add_tendon(
-            name=name,
-            limited=True,
-            range=limits,
-            springlength=[0.0, 0.0],
-            solref_limit=[0.0, 0.0],
-            solimp_limit=[_SOFT, _SOFT, 0.001, 0.5, 2.0],
+            name=name, springlength=[0.0, 0.0], **limits, **softness
         )
         damper.wrap_joint("hinge", 1.0)
 

@@ -63,13 +63,8 @@ class Structure(NamedTuple):
 
 def structure_of(door: DoorConfig) -> Structure:
     """Return the structure of a door."""
-    return Structure(
-        handle=door.handle,
-        latched=door.latch != "none",
-        closer=has_tendons(door),
-        motion=door.motion,
-        rollers=door.mechanism.roller_friction > 0.0,
-    )
+    latched, rollers = door.latch != "none", door.mechanism.roller_friction > 0.0
+    return Structure(door.handle, latched, has_tendons(door), door.motion, rollers)
 
 
 def add_door(
@@ -88,11 +83,10 @@ def add_door(
     with it, for a turning handle the site ``leaf_axes`` that does not turn with it, the
     latch, and the actuator ``door_closer``.
     """
-    frame = spec.worldbody.add_body(
-        name="door_frame",
-        pos=handle_position_w(door, placement, robot),
-        quat=quaternion(task_rotation_w(door, robot, placement.base_yaw)),
-    )
+    axes = task_rotation_w(door, robot, placement.base_yaw)
+    middle = handle_position_w(door, placement, robot)
+    turn = quaternion(axes)
+    frame = spec.worldbody.add_body(name="door_frame", pos=middle, quat=turn)
     grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
     # Edges of the leaf at hinge and lock, relative to the handle's axis [m].
@@ -184,21 +178,14 @@ def _add_joint(
 ) -> None:
     """Add a joint to a body at an origin, door frame [m]; couple it to ``hinge``."""
     kind = mujoco.mjtJoint
-    body.add_joint(
-        name=link.name,
-        type=kind.mjJNT_SLIDE if link.slides else kind.mjJNT_HINGE,
-        pos=[0.0, 0.0, 0.0] if link.slides else np.array(link.anchor) - origin,
-        axis=link.axis,
-    )
-    tie = spec.add_equality(
-        name=link.name,
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=link.name,
-        name2="hinge",
-        solref=[0.004, 1.0],
-        solimp=[0.999, 0.9999, 0.001, 0.5, 2.0],
-    )
+    kind, place = mujoco.mjtJoint.mjJNT_HINGE, np.array(link.anchor) - origin
+    if link.slides:
+        kind, place = mujoco.mjtJoint.mjJNT_SLIDE, np.zeros(3)
+    body.add_joint(name=link.name, type=kind, pos=place, axis=link.axis)
+    joints = {"type": mujoco.mjtEq.mjEQ_JOINT, "objtype": mujoco.mjtObj.mjOBJ_JOINT}
+    stiff = {"solref": [0.004, 1.0], "solimp": [0.999, 0.9999, 0.001, 0.5, 2.0]}
+    names = {"name": link.name, "name1": link.name, "name2": "hinge"}
+    tie = spec.add_equality(**names, **joints, **stiff)
     tie.data[: len(link.gains) + 1] = 0.0, *link.gains
 
 
@@ -327,11 +314,8 @@ def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> No
     mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
     axes = rotation.reshape(3, 3)
     before, com = float(model.body_mass[body]), model.body_ipos[body].copy()
-    inertia = (
-        axes @ np.diag(model.body_inertia[body]) @ axes.T
-        + before * _steiner(com)
-        + mass * (solid + _steiner(centre))
-    )
+    inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T + before * _steiner(com)
+    inertia = inertia + mass * (solid + _steiner(centre))
     total = before + mass
     com = (before * com + mass * centre) / total
     principal, turn, quaternion = np.zeros(3), np.zeros(9), np.zeros(4)

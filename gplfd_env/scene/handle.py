@@ -205,18 +205,19 @@ def add_latch(
     side = door.hinge_sign
     edge = side * (door.radius + door.leaf.backset)
     bolt = leaf.add_body(name="bolt", pos=[-door.leaf.handle_standoff, 0.0, edge])
+    throw, stiffness = door.lockset.bolt_throw, door.lockset.bolt_stiffness
     bolt.add_joint(
         name="bolt",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0, 0, -side],
-        range=[0.0, door.lockset.bolt_throw],
+        springref=-door.lockset.bolt_preload / stiffness,
+        stiffness=[stiffness, 0, 0],
+        damping=[2.0, 0, 0],
+        range=[0.0, throw],
         limited=True,
         solref_limit=[0.005, 1.0],
-        stiffness=[door.lockset.bolt_stiffness, 0, 0],
-        springref=-door.lockset.bolt_preload / door.lockset.bolt_stiffness,
-        damping=[2.0, 0, 0],
     )
-    tip = side * (door.lockset.bolt_throw - _NOSE)
+    tip = side * (throw - _NOSE)
     ends, kind = [0.0, 0.0, tip - side * 0.03, 0.0, 0.0, tip], mujoco.mjtGeom
     add_rod(bolt, "bolt_nose", ends, _NOSE, type=kind.mjGEOM_CAPSULE, mass=_BOLT_MASS)
     # The strike is a wedge, in the plane of the leaf's motion.
@@ -227,30 +228,15 @@ def add_latch(
         [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]
     ).ravel()
     face = -door.leaf.handle_standoff + door.swing_sign * (_NOSE + _CLEARANCE)
-    frame.add_geom(
-        name="strike",
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname="strike",
-        pos=[face, 0.0, lock_edge + side * GAP],
-        quat=_MIRRORED[door.swing, door.hinge_side],
-        rgba=STEEL,
-        **INTANGIBLE,
-    )
-    spec.add_pair(
-        name="latch",
-        geomname1="bolt_nose",
-        geomname2="strike",
-        condim=1,
-        solref=[0.005, 1.0],
-        solimp=_CONTACT[base],
-    )
+    place = [face, 0.0, lock_edge + side * GAP]
+    turn = _MIRRORED[door.swing, door.hinge_side]
+    shape: Any = {"type": kind.mjGEOM_MESH, "meshname": "strike", "rgba": STEEL}
+    frame.add_geom(name="strike", pos=place, quat=turn, **shape, **INTANGIBLE)
+    names = {"name": "latch", "geomname1": "bolt_nose", "geomname2": "strike"}
+    spec.add_pair(condim=1, solref=[0.005, 1.0], solimp=_CONTACT[base], **names)
     ratio = door.lockset.bolt_throw / (door.handle_travel - door.lockset.dead_travel)
-    retraction = spec.add_tendon(
-        name="retraction",
-        limited=True,
-        range=[-ratio * door.lockset.dead_travel, 1.0],
-        springlength=[0.0, 0.0],
-        solref_limit=[0.005, 1.0],
-    )
+    limits = {"limited": True, "range": [-ratio * door.lockset.dead_travel, 1.0]}
+    springs = {"springlength": [0.0, 0.0], "solref_limit": [0.005, 1.0]}
+    retraction = spec.add_tendon(name="retraction", **limits, **springs)
     retraction.wrap_joint("bolt", 1.0)
     retraction.wrap_joint("handle", -ratio)

@@ -74,9 +74,9 @@ class Command:
                 f"{reprlib.repr(action)}"
             ) from None
         if command.shape != shape:
+            got = f"got shape {command.shape}"
             raise ValueError(
-                f"the action must have shape {shape}, {self.meaning}; got shape "
-                f"{command.shape}"
+                f"the action must have shape {shape}, {self.meaning}; {got}"
             )
         if ignored is not None:
             command[ignored] = self.rest

@@ -30,14 +30,9 @@ class Robot(NamedTuple):
     def scene(self, variation: Variation) -> dict[str, Any]:
         """Return arguments of `gplfd_env.scene.build.build_scene` and `load_scene`."""
         door, placement, standoff = variation.scene
-        return {
-            "door": door,
-            "grasp": self.hold,
-            "placement": placement,
-            "standoff": standoff,
-            "control": self.command.control,
-            "robot": self.config,
-        }
+        drawn = {"door": door, "placement": placement, "standoff": standoff}
+        kind = {"grasp": self.hold, "control": self.command.control}
+        return drawn | kind | {"robot": self.config}
 
     def base_rate(self, model: mujoco.MjModel) -> slice:
         """Return the slice of the controls with the base's rate; empty if fixed."""

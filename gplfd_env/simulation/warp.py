@@ -51,9 +51,8 @@ class WarpPhysics(SameStructureBatch):
     ) -> None:
         if structure_of(begin.door).latched:
             raise ValueError(
-                "no latch on MuJoCo Warp, which has one ratio of bolt to handle for "
-                "all simulations: give a door with latch='none', such as 'cabinet', or "
-                f"make gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
+                "no latch on MuJoCo Warp: give a door with latch='none', or make "
+                f"gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
             )
         super().__init__(n, robot, begin, num_threads)
 
@@ -137,10 +136,7 @@ class WarpPhysics(SameStructureBatch):
         return state
 
     def __getstate__(self) -> tuple[Any, ...]:
-        raise TypeError(
-            "simulations on MuJoCo Warp cannot be copied or pickled; those of "
-            "gplfd/DoorOpeningRL-v1 can"
-        )
+        raise TypeError("simulations on MuJoCo Warp cannot be copied or pickled")
 
 
 def _put(target: Any, rows: Any, values: NDArray[Any]) -> None:

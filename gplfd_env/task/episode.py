@@ -331,16 +331,10 @@ class Episode:
         if reader.odometry is not None:
             x, y, yaw, *rate = values[reader.odometry]
             base = BaseState((x, y, yaw), (rate[0], rate[1], rate[2]))
-        return Readings(
-            steps * CONTROL_PERIOD,
-            reader.wrench(values),
-            tuple(values[reader.ee_pose]) if self._grippers else (),
-            base,
-            door,
-            constants.latched
-            & (door.angle < PLAY)
-            & (door.bolt < constants.bolt_throw - GAP),
-        )
+        bolted = (door.angle < PLAY) & (door.bolt < constants.bolt_throw - GAP)
+        time, latched = steps * CONTROL_PERIOD, constants.latched & bolted
+        hand = tuple(values[reader.ee_pose]) if self._grippers else ()
+        return Readings(time, reader.wrench(values), hand, base, door, latched)
 
     def _of(self, row: int, record: Thing) -> Thing:
         """Return one simulation's part of a record."""

@@ -188,14 +188,10 @@ class Reader:
         torque_x = -(ax * tx + bx * ty + cx * tz) - com_z * weight
         torque_y = -(ay * tx + by * ty + cy * tz)
         torque_z = -(az * tx + bz * ty + cz * tz) + com_x * weight
-        return (
-            force_x,
-            force_y,
-            force_z,
-            torque_x - (arm_y * force_z - arm_z * force_y),
-            torque_y - (arm_z * force_x - arm_x * force_z),
-            torque_z - (arm_x * force_y - arm_y * force_x),
-        )
+        torque_x = torque_x - (arm_y * force_z - arm_z * force_y)
+        torque_y = torque_y - (arm_z * force_x - arm_x * force_z)
+        torque_z = torque_z - (arm_x * force_y - arm_y * force_x)
+        return force_x, force_y, force_z, torque_x, torque_y, torque_z
 
     def door_reading(self, values: Values, path: LeafPath) -> DoorReading:
         """Return the privileged readings of door and grasp."""
@@ -273,11 +269,8 @@ class DoorReading(NamedTuple):
         nonzero = length > 0.0
         scale = 2.0 * atan2(length, cy * cx) / where(nonzero, length, 1.0)
         scale = where(nonzero, scale, 2.0)
-        return (
-            where(turned, scale * x, 0.0),
-            where(turned, scale * y, about_up),
-            where(turned, scale * z, level),
-        )
+        y = where(turned, scale * y, about_up)
+        return where(turned, scale * x, 0.0), y, where(turned, scale * z, level)
 
 
 class Hand(NamedTuple):

@@ -28,10 +28,8 @@ STALL_TIME: Final = 3.0
 STALL_TURN: Final = math.radians(5.0)
 """A door has not stalled if its handle turns further by this [rad] in the same time."""
 
-FAILURES: Final = (
-    *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
-    "not_grasped",
-)
+_OTHERS: Final = ("stalled", "latched", "simulation_error", "not_grasped")
+FAILURES: Final = ("", "grasp_lost", "base_blocked", *_OTHERS)
 """Kinds of failure, by number."""
 
 GRASP_LOST, BASE_BLOCKED, STALLED, LATCHED, SIMULATION_ERROR, NOT_GRASPED = range(1, 7)

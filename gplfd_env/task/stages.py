@@ -24,17 +24,9 @@ from gplfd_env.task.observation import DoorReading
 from gplfd_env.task.opening import FAILURES, GRASP_LOST, NOT_GRASPED, STALLED
 
 STAGES: Final = (
-    "not grasped",
-    "grasped",
-    "handle turned",
-    "unlatched",
-    "15 degrees",
-    "30 degrees",
-    "60 degrees",
-    "90 degrees",
-    "held",
-    "released",
-    "closed again",
+    *("not grasped", "grasped", "handle turned", "unlatched"),
+    *("15 degrees", "30 degrees", "60 degrees", "90 degrees"),
+    *("held", "released", "closed again"),
 )
 """Stages by number."""
 

@@ -6,8 +6,6 @@ environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`
 `FlatObservation`.
 """
 
-from gplfd_env.task.opening import FAILURES
-from gplfd_env.task.stages import REASONS
 from gplfd_env.wrappers.forms import (
     LIMITS,
     FlatObservation,
@@ -21,9 +19,7 @@ from gplfd_env.wrappers.forms import (
 from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
 
 __all__ = [
-    "FAILURES",
     "LIMITS",
-    "REASONS",
     "FlatObservation",
     "GentleReward",
     "RelativeAction",

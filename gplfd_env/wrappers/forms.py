@@ -53,10 +53,7 @@ class _Relative:
         if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
             raise ValueError(f"limits must be above zero [m], [rad], got {limits}")
         if space.shape != (6,):
-            raise ValueError(
-                "RelativeAction needs an environment whose action is a pose (6,), such "
-                f"as gplfd/DoorOpening-v1; got one with {space}"
-            )
+            raise ValueError(f"RelativeAction needs a pose (6,) as action; got {space}")
         self._limits, self._shape = (float(metres), float(radians)), (*n, 6)
         self._hand: Array | None = None
 
@@ -76,9 +73,8 @@ class _Relative:
             numbers = np.empty(0)
         if numbers.shape != self._shape:
             raise ValueError(
-                f"the action must be numbers of shape {self._shape}, where the "
-                "set-point is relative to the hand in units of the limits; got "
-                f"{reprlib.repr(action)}"
+                f"the action must be numbers of shape {self._shape}, relative to the "
+                f"hand; got {reprlib.repr(action)}"
             )
         command = command_of(numbers, self._hand, self._limits)
         observation, *outcome = self.env.step(command)

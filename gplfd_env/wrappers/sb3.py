@@ -26,11 +26,8 @@ except ImportError as error:
 __all__ = ["SB3VecEnv", "make_sb3"]
 
 # Attributes of single environments, and the matching attributes of the vector one.
-_OF_EACH: Final = {
-    "variation": "variations",
-    "door_geometry": "door_geometries",
-    "model": "models",
-}
+_OF_EACH: Final = {"variation": "variations", "model": "models"}
+_OF_EACH["door_geometry"] = "door_geometries"
 _NONE_ALONE: Final = (
     "the simulations are one environment without attributes or methods of their own: "
     "give differing values to gym.make_vec, or use Stable-Baselines3's DummyVecEnv"
