@@ -54,8 +54,6 @@ _FLAT: Final = math.radians(88.0)  # Angle of the folded leaves at their stop [r
 _FOUR_BAR_OUT: Final = (-8.7057e-3, -5.2375e-3, 4.7331e-3, -6.743e-4)
 _FOUR_BAR_ALONG: Final = (-1.68670e-2, 1.08996e-2, -1.907e-4, -6.774e-4)
 _DEGREE: Final = 4  # Degree of the polynomials in `LeafPath.tangent`.
-
-
 _ALONG_NORMAL: Final = (1.0, *_DEGREE * (0.0,)), (_DEGREE + 1) * (0.0,)
 STICTION_ANGLE: Final = math.radians(0.5)
 """Angle at which the stiction has faded [rad]."""

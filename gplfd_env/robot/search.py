@@ -61,7 +61,7 @@ class _Arm(NamedTuple):
     frame: Array  # Axes of the grasp frame (3, 3).
     low: Array  # Limits (n,) [rad].
     high: Array
-    mobility: Array  # Inverse of inertia and of damping within a second (n,).
+    mobility: Array  # Inverse of inertia, damping and friction in 4 s (n,).
     masses: Array  # Of the links, each with what is fixed to it (n,) [kg].
     moments: Array  # These times their centres (n, 3) [kg m].
     efforts: Array  # Limits (n,) [N m].
@@ -83,7 +83,9 @@ class _Arm(NamedTuple):
         bodies = model.jnt_bodyid[joints]
         beyond = model.body_subtreemass[bodies]
         moments = beyond[:, None] * data.subtree_com[bodies]
-        inertia = model.dof_M0[moved] + robot.armature + model.dof_damping[moved]
+        # An opening takes seconds: damping and dry friction count more than inertia.
+        damping, friction = model.dof_damping[moved], model.dof_frictionloss[moved]
+        inertia = model.dof_M0[moved] + robot.armature + 4.0 * damping + 16.0 * friction
         return cls(
             data.xaxis[joints],
             data.xanchor[joints],
