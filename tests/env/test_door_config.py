@@ -49,7 +49,7 @@ def test_every_part_checks_its_fields(record, field, wrong):
         ({"preset": 3}, ValueError, ["unknown door 3"]),
         ({"radios": 0.4}, ValueError, ["door field 'radios'", "mean 'radius'?"]),
         ({"closer": {"prelod": 5.0}}, ValueError, ["mean 'preload'?", "boost_angle"]),
-        ({"closer": 5.0}, TypeError, ["DoorConfig.closer must be a mapping", "5.0"]),
+        ({"closer": 5.0}, TypeError, ["DoorConfig.closer must be a Closer", "5.0"]),
         (None, TypeError, ["door must be", "got None (NoneType)"]),
         ({"radius": True}, TypeError, ["DoorConfig.radius must be a number, got"]),
         *[

@@ -37,7 +37,7 @@ DISTURBANCES: list[tuple[Any, type[Exception], str]] = [
     ({"push": {"along": 101}}, ValueError, r"Push.along = 101.0 .* \[-100, 100\] N"),
     ({"push": {"along": [5, 1]}}, ValueError, r"number or \(low, high\), low first"),
     ({"push": {"on": "elbow"}}, ValueError, "'hand', 'forearm', 'door'"),
-    ({"push": "hard"}, TypeError, "must be a mapping of Push fields"),
+    ({"push": "hard"}, TypeError, "must be a Push or its fields"),
 ]
 
 

@@ -23,12 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.bits]
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 MOBILE, GRIPPER = gplfd_env.MOBILE_ENVIRONMENT_ID, gplfd_env.GRIPPER_ENVIRONMENT_ID
 RL = gplfd_env.RL_ENVIRONMENT_ID
-LEVER = {
-    "handle": "lever",
-    "latch": "spring",
-    "radius": 0.53,
-    "leaf": {"backset": 0.055},
-}
+LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53}
 KNOB = {"handle": "knob", "latch": "spring", "radius": 0.45}
 BARS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 DOORS = ["small", 0.42, LEVER, {"preset": "heavy", "panel_mass": 20.0}]

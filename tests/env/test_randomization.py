@@ -138,7 +138,7 @@ def test_names_mappings_and_records():
         ({"panel_mass": (1, 101)}, ValueError, r"mass = 101\.0 is outside \[1, 100\]"),
         ({"base_yaw": -0.1}, ValueError, r"\.base_yaw = -0\.1 is outside \[0, 0\.1\]"),
         ({"longest_delay": 11}, ValueError, r"_delay = 11 must.*0 to 10"),
-        ({"shortest_delay": 3, "longest_delay": 2}, ValueError, "not be above"),
+        ({"shortest_delay": 3, "longest_delay": 2}, ValueError, "not exceed"),
         ({"doors": "din"}, ValueError, "doors = 'din' is not one of 'given'"),
     ],
 )
