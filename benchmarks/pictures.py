@@ -55,6 +55,7 @@ Pixels = NDArray[np.uint8]
 Points = NDArray[np.float64]
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+_IMAGES: Final = Path("docs/images")
 _PAUSE: Final = 1000
 """Duration of the last frame of an animation [ms]."""
 
@@ -145,13 +146,9 @@ def lettered(image: Image.Image, above: str, below: str = "") -> Image.Image:
     return page
 
 
-def gallery(out: Path = Path("docs/images/gallery.png"), width: int = 400) -> None:
-    """Draw the gallery, and the animations in the same folder; takes two minutes.
-
-    Args:
-        out: File of the gallery.
-        width: Width of an image [px].
-    """
+def gallery() -> None:
+    """Draw the gallery, and the animations in the same folder; takes two minutes."""
+    width, out = 400, _IMAGES / "gallery.png"
     scenes = _SHOWN["gallery"]
     images = [lettered(pictured(scene, width), scene["title"]) for scene in scenes]
     rows, height = -(-len(images) // _COLUMNS), images[0].height
@@ -275,21 +272,11 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     write_gif(path, pages, _PERIOD, _COLOURS)
 
 
-def films(
-    out: Path = Path("docs/images/films"),
-    trials: tuple[str, ...] = tuple(TRIALS),
-    size: tuple[int, int] = (320, 240),
-) -> None:
-    """Film the trials; takes a minute.
-
-    Args:
-        out: Folder of the films, one <trial>.gif each.
-        trials: Trials to film.
-        size: Width and height of the scene in an image [px].
-    """
-    out.mkdir(parents=True, exist_ok=True)
+def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
+    """Film some trials, or all; takes a minute."""
+    (_IMAGES / "films").mkdir(parents=True, exist_ok=True)
     for name in trials:
-        film_trial(out / f"{name}.gif", name, size)
+        film_trial(_IMAGES / f"films/{name}.gif", name, (320, 240))
 
 
 # --- Every door --------------------------------------------------------------
@@ -306,12 +293,9 @@ _MARKS: Final = "<!-- every door: begin -->\n", "<!-- every door: end -->\n"
 """Lines of the page around the table."""
 
 
-def doors(page: Path = Path("docs/gallery.md")) -> None:
-    """Film every door and write the table of a page; takes some minutes.
-
-    Args:
-        page: Page with the table; the videos are in ``episodes`` beside it.
-    """
+def doors() -> None:
+    """Film every door and write the table of the gallery page; takes some minutes."""
+    page = _IMAGES.parent / "gallery.md"
     folder = page.parent / "episodes"
     folder.mkdir(exist_ok=True)
     rows = [f"| door | {' | '.join(f'`{name}`' for name in _COMPARED)} |"]
@@ -356,12 +340,8 @@ def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
         image.convert("RGB").quantize(256).save(temporary, format="PNG")
 
 
-def recordings(folder: Path = Path("docs/images")) -> None:
-    """Draw recording.png, of one policy, and comparison.png, of six.
-
-    Args:
-        folder: Folder of the images.
-    """
+def recordings() -> None:
+    """Draw recording.png, of one policy, and comparison.png, of six."""
     medium = [episode_task("medium", DOORS["medium"], policy="gp", seed=0)]
     large = [
         episode_task("large", DOORS["large"], policy=policy, seed=0)
@@ -379,7 +359,7 @@ def recordings(folder: Path = Path("docs/images")) -> None:
                 record_episode(path, logs[0], model, demonstrations)
             else:
                 record_comparison(path, logs, model, demonstrations)
-            screenshot(path, size, at, folder / f"{name}.png")
+            screenshot(path, size, at, _IMAGES / f"{name}.png")
 
 
 if __name__ == "__main__":
