@@ -384,7 +384,7 @@ def _add_visuals(
         ("casing_top", top + gap + wide, (hinge + lock) / 2.0, wide, across),
     ):
         add_box(frame, name, [x, y, z], [0.072, high, half], _PAINT, **seen)
-    width = free_edge + door.radius + door.overhang
+    width = door.leaf.backset + door.radius + door.overhang
     z = side * (free_edge - width / 2.0)
     for name, low, upper in (
         ("panel_lower", floor + 0.20, floor + 0.84),
