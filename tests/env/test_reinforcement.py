@@ -121,7 +121,7 @@ def test_wrong_actions_are_named(make_env, make_vec):
 
 
 def test_what_cannot_be_wrapped_is_refused(make_env, make_vec):
-    with pytest.raises(ValueError, match="whose action is a pose"):
+    with pytest.raises(ValueError, match="needs a pose"):
         RelativeAction(make_env(id=gplfd_env.IMPEDANCE_ENVIRONMENT_ID))
     with pytest.raises(ValueError, match="must be above zero"):
         VectorRelativeAction(make_vec(2), limits=(0.0, 0.1))
