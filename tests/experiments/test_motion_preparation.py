@@ -287,53 +287,6 @@ def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
     assert_allclose(first[-1, :3], end, atol=5e-3)
 
 
-def strokes(
-    goals: Any, seconds: Any, pauses: Any, rng: np.random.Generator
-) -> tuple[RawRecording, Any]:
-    """A hand that opens a door to angles one after another, and when each stroke ends.
-
-    It trembles by 2 mm, hesitates within each stroke, and pauses after it.
-    """
-    angles, ends, before = [np.zeros(round(0.3 * RATE))], [], 0.0
-    for goal, duration, pause in zip(goals, seconds, pauses, strict=True):
-        time = np.linspace(0.0, 1.0, round(duration * RATE))
-        progress = minimum_jerk(time) - 0.25 * np.exp(-(((time - 0.6) / 0.06) ** 2))
-        angles.append(before + (goal - before) * progress)
-        ends.append(sum(map(len, angles)) / RATE)
-        angles.append(np.full(round(pause * RATE), goal))
-        before = goal
-    every = np.concatenate(angles)
-    arc = handle_pose_on_arc(0.6, every)[:, :3]
-    raw = RawRecording(
-        name="door.csv",
-        times=np.arange(len(every)) / RATE,
-        positions=START + TURN.apply(arc) + 2e-3 * rng.standard_normal(arc.shape),
-        unit="m",
-    )
-    return raw, ends
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_repetitions_lie_between_turns_however_messy(seed):
-    """There and back without rests: other speeds, pauses, noise, a start in between."""
-    rng = np.random.default_rng(seed)
-    goals = np.tile([1.2, 0.0], 5) + rng.uniform(-0.08, 0.08, 10)
-    goals = np.append(goals, 0.6)  # the last one is given up half-way
-    pauses = rng.choice([0.0, 0.0, 0.2, 1.0], 11)
-    raw, ends = strokes(goals, rng.uniform(0.8, 3.0, 11), pauses, rng)
-    turns = replace(AS_RECORDED, segment="turns")
-    assert "1 repetitions between turns" in texts(only(door(), turns))
-    motions = prepare([raw], turns)
-    assert "5 repetitions between turns, 6 other motions left" in texts(motions[0])
-    after = [0.3, *np.add(ends, pauses)]
-    for number, motion in enumerate(motions):
-        first, last = motion.recorded.times[[0, -1]]
-        # From somewhere in the pause before the stroke to somewhere in that after it.
-        assert after[2 * number] - pauses[2 * number - 1] - 0.4 <= first
-        assert first <= after[2 * number] + 0.3
-        assert ends[2 * number] - 0.3 <= last <= after[2 * number + 1] + 0.1
-
-
 # ------------------------------------------------------------------ frames
 def test_poses_are_composed_and_not_subtracted():
     recorded = only(RAW).demonstration.poses
@@ -590,7 +543,7 @@ def test_forces_that_cannot_be_converted_are_left_out():
         ({"gravity": (0.0, -1.0)}, "gravity = .* must be three numbers x,y,z"),
         ({"rate": math.inf}, "rate = inf is outside"),
         ({"frame": "world"}, "must be one of first-pose, recorded, hinge"),
-        ({"segment": "fast"}, "must be none, rests, turns, or times"),
+        ({"segment": "fast"}, "must be none, rests, or times"),
         ({"segment": ((2.0, 1.0),)}, "each start before its end"),
     ],
 )

@@ -96,7 +96,7 @@ def _segments(text: str) -> Any:
 
 Pose = tuple[float, ...]
 """x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
-Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
+Segments = Literal["none", "rests"] | tuple[tuple[float, float], ...]
 _Pose = Annotated[Pose, of_text("POSE", numbers(POSE))]
 _Vector = Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))]
 _Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
@@ -112,12 +112,11 @@ class ImportSettings(Quantities):
     """
 
     body: _Name = None
-    """Moving object: a segment, joint, one or three markers, topic, array, or arrays
-    A,B."""
+    """Moving object: a segment, joint, one or three markers, topic, or array."""
     columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _columns)] = ()
     """Names of the columns of a table without a header, in order, with - for a column
-    to ignore, or NAME=HEAD for some columns of a header; known names are t, x, y, z,
-    qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""
+    to ignore, or NAME=HEAD for some of a header or of arrays; known names are t, x, y,
+    z, qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""
     units: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of positions; overrides the unit in the file. Default: that unit, or
     metres."""
@@ -169,8 +168,8 @@ class ImportSettings(Quantities):
     offset: Annotated[Pose | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
     segment: Annotated[Segments, of_text("HOW", _segments)] = "none"
-    """Repetitions in a recording: none, rests or turns (the motions between them,
-    without motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
+    """Repetitions in a recording: none, rests (the motions between them, without
+    motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
     cutoff: _Hertz = quantity(10.0, unit="Hz", **_POSITIVE)
@@ -211,9 +210,9 @@ class ImportSettings(Quantities):
                 "the sensor is turned in the hand, and its forces are in the axes of "
                 "the recorded poses; give its position alone, x,y,z,1,0,0,0"
             )
-        times = () if self.segment in ("none", "rests", "turns") else self.segment
+        times = () if self.segment in ("none", "rests") else self.segment
         if isinstance(times, str) or not all(start < end for start, end in times):
             raise ValueError(
-                f"segment = {times!r} must be none, rests, turns, or times such as "
+                f"segment = {times!r} must be none, rests, or times such as "
                 "1.5-4.2,6-9.5 [s], each start before its end"
             )

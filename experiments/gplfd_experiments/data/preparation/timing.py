@@ -23,9 +23,6 @@ _RESTING: Final = 0.05
 _LEAST_REST: Final = 0.5  # Shortest rest between two repetitions [s].
 _MARGIN: Final = 0.2  # Part of the rest kept on either side of a repetition [s].
 _LEAST_PATH: Final = 0.3  # Shortest path of a repetition as a share of the longest.
-_TURNED_BACK: Final = 0.5  # At a turn, the hand moves back by this share of its span.
-_WHOLE: Final = 0.7  # Smallest share of the usual path between turns.
-_ATTEMPT: Final = 0.1  # Paths below this share of the longest are not counted.
 _ORDER: Final = 4  # Order of the Butterworth filter.
 _OVERSAMPLED: Final = 2.5  # Smallest number of samples per period of the cut-off.
 
@@ -34,17 +31,18 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     """Divide a motion into repetitions, see `ImportSettings.segment`."""
     if how == "none":
         return [samples]
-    if isinstance(how, str):
-        spans, forth = (_between_rests if how == "rests" else _between_turns)(samples)
+    if how == "rests":
+        spans, forth = _between_rests(samples)
         kept, others = np.count_nonzero(forth), np.count_nonzero(~forth)
         left_out = f", {others} other motions left out" if others else ""
-        notes.add(f"{kept} repetitions between {how}{left_out}")
+        notes.add(f"{kept} repetitions between rests{left_out}")
         spans = spans[forth]
     else:
         spans = np.array(how)
-    parts = [_between(samples, start, end) for start, end in spans]
-    for part, (start, end) in zip(parts, spans, strict=True):
-        if len(part.times) < 2:
+    parts = []
+    for start, end in spans:
+        parts.append(_between(samples, start, end))
+        if len(parts[-1].times) < 2:
             raise ValueError(
                 f"there are no samples from {start:g} to {end:g} s after the first; "
                 f"the recording lasts {samples.times[-1]:.3f} s"
@@ -59,17 +57,20 @@ def _between(samples: Samples, start: float, end: float) -> Samples:
 def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return spans between rests [s], (M, 2), and which are whole and not back."""
     # The speed of the smoothed hand in metres and half radians per second.
-    clock, smooth = _smoothed(samples)
-    reach = max(1, round(_REACH / samples.step))
+    times, step = samples.times, samples.step
+    clock = np.arange(times[0], times[-1], step)
+    columns = interpolated(clock, times, samples.poses)
+    smooth = gaussian_filter1d(columns, _SMOOTHING / step, axis=0, mode="nearest")
+    reach = max(1, round(_REACH / step))
     padded = np.pad(smooth, ((reach, reach), (0, 0)), mode="edge")
     chords = padded[2 * reach :] - padded[: -2 * reach]
-    lengths = np.linalg.norm(chords, axis=1) / (2 * reach * samples.step)
-    speed = np.interp(samples.times, clock, uniform_filter1d(lengths, 3))
+    lengths = np.linalg.norm(chords, axis=1) / (2 * reach * step)
+    speed = np.interp(times, clock, uniform_filter1d(lengths, 3))
     # Runs of motion, joined where the rest between them is short.
     moving = speed > _RESTING * np.percentile(speed, 95.0)
     edges = np.diff(np.concatenate([[False], moving, [False]]).astype(int))
-    starts = samples.times[np.flatnonzero(edges == 1)]
-    ends = samples.times[np.flatnonzero(edges == -1) - 1]
+    starts = times[np.flatnonzero(edges == 1)]
+    ends = times[np.flatnonzero(edges == -1) - 1]
     apart = starts[1:] - ends[:-1] >= _LEAST_REST
     starts, ends = starts[np.r_[True, apart]], ends[np.r_[apart, True]]
     spans = np.column_stack([starts - _MARGIN, ends + _MARGIN])
@@ -79,49 +80,6 @@ def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
     long = ways >= _LEAST_PATH * ways.max()
     moved = np.array([poses[-1] - poses[0] for poses in runs])
     return spans, long & (moved @ moved[np.argmax(long)] > 0.0)
-
-
-def _between_turns(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return spans between turns [s], (M, 2), and which are whole and not back."""
-    clock, smooth = _smoothed(samples)
-    # A turn is an extreme of the position along its first principal direction.
-    offsets = smooth[:, :3] - smooth[:, :3].mean(axis=0)
-    way = offsets @ np.linalg.svd(offsets, full_matrices=False)[2][0]
-    low, high = np.percentile(way, [5.0, 95.0])
-    if not high > low:
-        raise ValueError("positions are constant: there are no turning points")
-    turns = _turns(way, _TURNED_BACK * (high - low))
-    lengths, times = np.diff(way[turns]), clock[turns]
-    attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
-    spans, lengths = np.column_stack([times[:-1], times[1:]])[attempt], lengths[attempt]
-    whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths))
-    return spans, whole & (lengths * lengths[np.argmax(whole)] > 0.0)
-
-
-def _turns(way: FloatArray, least: float) -> list[int]:
-    """Return the first and last index, and extremes at which the motion turns."""
-    turns, top, bottom, heading = [0], 0, 0, 0
-    values = way.tolist()
-    for place, value in enumerate(values):
-        top = place if value > values[top] else top
-        bottom = place if value < values[bottom] else bottom
-        if heading >= 0 and values[top] - value >= least:
-            turns.append(top)
-            heading, bottom = -1, place
-        elif heading <= 0 and value - values[bottom] >= least:
-            turns.append(bottom)
-            heading, top = 1, place
-    turns += [top if heading > 0 else bottom, len(values) - 1]
-    return sorted(set(turns))
-
-
-def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
-    """Return equal steps of time, and the smoothed poses at them."""
-    times, step = samples.times, samples.step
-    clock = np.arange(times[0], times[-1], step)
-    columns = interpolated(clock, times, samples.poses)
-    smooth = gaussian_filter1d(columns, _SMOOTHING / step, axis=0, mode="nearest")
-    return clock, np.asarray(smooth)
 
 
 def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:

@@ -1,7 +1,7 @@
-"""Motions in named arrays: files .npz, .npy and, of MATLAB up to 7.2, .mat.
+"""Motions in arrays (.npz, .npy, .mat up to 7.2), also transposed.
 
-Supported are columns (N,), the arrays of `tables` (N, d), and with ``--columns`` one
-array (N, C), or (K, N, C) for K motions; also transposed if the shape is unambiguous.
+They are columns (N,), those of `tables`, (N, d), or with ``--columns`` (N, C), of K
+motions (K, N, C).
 """
 
 import contextlib
@@ -59,12 +59,12 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     }
     if settings.columns and "=" not in settings.columns[0]:
         return _from_columns(path.name, numbers, settings)
-    motions = _motions(numbers)
+    motions = _motions(numbers, settings)
     if not motions:
         raise ValueError(
-            f"it has no array of positions: it has {_shapes(numbers)}. Call one "
-            "positions, or say what the columns of one array, or of two side by side, "
-            "are: --body A,B --columns t,x,y,z,... with - for one to leave out"
+            f"it has no array of positions: it has {_shapes(numbers)}. Name one, "
+            "--columns positions=NAME,quat_wxyz=NAME,..., or the columns of one in "
+            "their order, --columns t,x,y,z,... with - for one to leave out"
         )
     sets = _sets(motions)
     _, keys = chosen(settings.body, sets, "set of recordings", file=path.name)
@@ -102,22 +102,23 @@ def _sets(keys: Iterable[str]) -> dict[str, list[str]]:
     return sets
 
 
-def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
-    """Return the arrays of every structure that has positions, or of the whole file.
-
-    A structure may contain its motions as cells, ``s.pos{1}`` with ``s.time{1}``, or
-    with ``s.time`` for all. A single cell may contain the times of the only motion.
-    """
+def _motions(arrays: _Arrays, settings: ImportSettings) -> dict[str, _Arrays]:
+    """Return the arrays of every structure that has positions, or of the whole file."""
+    # A structure may contain its motions as cells, s.pos{1} with s.time{1}, or with
+    # s.time for all. A single cell may contain the times of the only motion.
     parts = {key: _parted(key) for key, array in arrays.items() if array.size > 1}
+    fields = renamed([field for _, field, _ in parts.values()], settings.columns)
+    names = dict(zip(parts, fields, strict=True))
     motions: dict[str, _Arrays] = {}
-    for where, field, index in parts.values():
-        if understood(field)[0] == "x" or ARRAYS.get(field.lower()) == POSITION:
+    for key, (where, _, index) in parts.items():
+        name = names[key]
+        if understood(name)[0] == "x" or ARRAYS.get(name.lower()) == POSITION:
             cells = {cell for other, _, cell in parts.values() if other == where} - {""}
             beside = {"", index} | (cells if len(cells) == 1 else set())
             motions[where + index] = {
-                name: arrays[key]
-                for key, (other, name, cell) in parts.items()
-                if other == where and cell in beside
+                names[other]: arrays[other]
+                for other, (structure, _, cell) in parts.items()
+                if structure == where and cell in beside
             }
     return motions
 
@@ -125,13 +126,12 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 def from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
     """Return the motion in arrays with supported names, see `array_columns`."""
     heads, values, unused = list[str](), list[FloatArray](), list[str]()
-    names_of_arrays = renamed(list(arrays), settings.columns)
-    for head, (key, array) in zip(names_of_arrays, arrays.items(), strict=True):
-        short, _, owner = understood(head)
-        names: tuple[str, ...] = (head,)
+    for key, array in arrays.items():
+        short, _, owner = understood(key)
+        names: tuple[str, ...] = (key,)
         if short is None or owner:
-            names = array_columns(head, array.shape, settings)
-            if "qw" in names and head.lower() not in ARRAYS:
+            names = array_columns(key, array.shape, settings)
+            if "qw" in names and key.lower() not in ARRAYS:
                 settings = replace(settings, quaternions=None)  # It had its effect.
         if names:
             # There may be fewer columns, of positions without z.
@@ -180,58 +180,33 @@ def _shapes(arrays: _Arrays) -> str:
 def _from_columns(
     file: str, numbers: _Arrays, settings: ImportSettings
 ) -> list[RawRecording]:
-    """Return the motions in the chosen arrays with the columns of ``--columns``.
-
-    Several arrays, ``--body A,B``, are joined side by side. Times in the same structure
-    or file belong to the columns.
-    """
-    body, parts = settings.body, [settings.body]
-    sets = _sets(key for key, array in numbers.items() if 1 <= array.ndim <= 3)
-    if body is not None and body not in sets and "," in body:
-        parts = [part.strip() for part in body.split(",")]
-    else:
-        vectors = {key for key, array in numbers.items() if _is_vector(array)}
-        sets = {name: keys for name, keys in sets.items() if vectors.isdisjoint(keys)}
-    groups = [chosen(part, sets, "array of columns", file=file)[1] for part in parts]
-    if len({len(group) for group in groups}) > 1:
-        raise ValueError(f"{body} are of different numbers of recordings")
-    places = named_columns(settings.columns, "--columns")
+    """Return the motions in an array of ``--columns``, with the times beside it."""
+    vectors = {key for key, array in numbers.items() if _is_vector(array)}
+    sets = _sets(key for key, array in numbers.items() if array.ndim in (2, 3))
+    sets = {name: keys for name, keys in sets.items() if vectors.isdisjoint(keys)}
+    _, keys = chosen(settings.body, sets, "array of columns", file=file)
+    places, width = named_columns(settings.columns, "--columns"), len(settings.columns)
     motions = []
-    for keys in zip(*groups, strict=True):
-        label, arrays = _label(file, keys[0], groups[0]), [numbers[key] for key in keys]
-        tables = {label: arrays}
-        if arrays[0].ndim == 3:
-            stacked = enumerate(zip(*arrays, strict=True))
-            tables = {f"{label}[{number}]": list(part) for number, part in stacked}
-        where, _, index = _parted(keys[0])
+    for key in keys:
+        label, (where, _, index) = _label(file, key, keys), _parted(key)
+        tables = {label: numbers[key]}
+        if numbers[key].ndim == 3:
+            tables = {f"{label}[{n}]": part for n, part in enumerate(numbers[key])}
         times = np.empty(0)
-        for key, array in numbers.items():
-            structure, field, cell = _parted(key)
+        for other, array in numbers.items():
+            structure, field, cell = _parted(other)
             beside = structure == where and cell in ("", index) and _is_vector(array)
             if beside and ARRAYS.get(field.lower()) == ("t",):
                 times = array.reshape(-1)
-        for name, part in tables.items():
-            table = _side_by_side(part, len(settings.columns))
-            columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}
-            if len(times) == len(table):
+        for name, table in tables.items():
+            rows = table if table.shape[1] == width else table.T
+            if rows.shape[1] != width:
+                raise ValueError(
+                    f"{key!r} has shape {table.shape}, and --columns names {width} "
+                    "columns"
+                )
+            columns = {head: (rows[:, at], unit) for head, (at, unit) in places.items()}
+            if len(times) == len(rows):
                 columns.setdefault("t", (times, None))
             motions.append(recording(name, columns, settings))
     return motions
-
-
-def _side_by_side(arrays: list[FloatArray], width: int) -> FloatArray:
-    """Return the columns of arrays (N, C), (C, N) or (N,) as one, (N, width)."""
-    for samples in sorted(set(arrays[0].shape), reverse=True):
-        tables = [
-            array.reshape(samples, -1) if len(array) == samples else array.T
-            for array in arrays
-        ]
-        if all(len(table) == samples for table in tables):
-            whole = np.concatenate(tables, axis=1)
-            if whole.shape[1] == width:
-                return whole
-    shapes = ", ".join(str(array.shape) for array in arrays)
-    raise ValueError(
-        f"arrays of shapes {shapes} differ in the number of samples, or do not have "
-        f"the {width} columns that --columns names"
-    )
