@@ -6,11 +6,15 @@ environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`
 `FlatObservation`.
 """
 
+from gplfd_env.task.opening import FAILURES
+from gplfd_env.task.stages import REASONS
 from gplfd_env.wrappers.forms import (
     LIMITS,
     FlatObservation,
+    NumericInfo,
     RelativeAction,
     VectorFlatObservation,
+    VectorNumericInfo,
     VectorRelativeAction,
     action_of,
     command_of,
@@ -19,12 +23,16 @@ from gplfd_env.wrappers.forms import (
 from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
 
 __all__ = [
+    "FAILURES",
     "LIMITS",
+    "REASONS",
     "FlatObservation",
     "GentleReward",
+    "NumericInfo",
     "RelativeAction",
     "VectorFlatObservation",
     "VectorGentleReward",
+    "VectorNumericInfo",
     "VectorRelativeAction",
     "action_of",
     "command_of",

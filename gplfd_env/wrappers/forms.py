@@ -1,4 +1,4 @@
-"""Other forms of actions and observations: relative, flat."""
+"""Other forms of actions, observations and infos: relative, flat, numeric."""
 
 import reprlib
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from gplfd_env.conventions.constants import Array, Info
+from gplfd_env.task.info import INFO, TEXTS
 from gplfd_env.validation.fields import real_array
 
 LIMITS: Final = (0.03, 0.1)
@@ -173,3 +174,52 @@ def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
     ends = [[getattr(box, end) for box in boxes] for end in ("low", "high")]
     low, high = (np.concatenate(end).astype(np.float32) for end in ends)
     return spaces.Box(low, high, dtype=np.float32)
+
+
+_CODES: Final = {
+    # A simulation without a value in this info has None, or 0 from Gymnasium.
+    name: {None: 0, 0: 0} | {text: n for n, text in enumerate(INFO[name].texts)}
+    for name in TEXTS
+}
+
+
+class _Numeric:
+    """Reset and step of single or vector environments with codes in their infos."""
+
+    env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one in each environment."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, _coded(info)
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Act for one control period."""
+        *outcome, info = self.env.step(action)
+        return (*outcome, _coded(info))
+
+
+class NumericInfo(_Numeric, gym.Wrapper[Any, Any, Any, Any]):
+    """Replace the strings of ``info`` by integers, for wrappers such as `NumpyToTorch`.
+
+    ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
+    `REASONS` and `gplfd_env.task.stages.STAGES`.
+    """
+
+
+class VectorNumericInfo(_Numeric, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+    """`NumericInfo` for vector environments: (n,) int64, with its mask."""
+
+
+def _coded(info: Mapping[str, Any]) -> Info:
+    coded = dict(info)
+    for name, codes in _CODES.items():
+        if name in info:
+            numbers = np.vectorize(codes.__getitem__, otypes=[np.int64])(info[name])
+            coded[f"{name}_code"] = numbers if numbers.ndim else int(numbers)
+            del coded[name]
+        if f"_{name}" in info:
+            coded[f"_{name}_code"] = coded.pop(f"_{name}")
+    if "final_info" in info:
+        coded["final_info"] = _coded(info["final_info"])
+    return coded
