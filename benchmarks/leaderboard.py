@@ -1,8 +1,7 @@
 """The leaderboards of the trials: python benchmarks/leaderboard.py.
 
-Reads trials.json, which `gplfd report` writes for `gplfd trials`. Ranks the policies
-that took part in all trials of a tier by the share of doors that they opened. Policies
-in the files of other people are ranked with them.
+Ranks the policies that took part in all trials of a tier by the share of doors that
+they opened, from trials.json, which `gplfd report` writes for `gplfd trials`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -75,33 +74,28 @@ def standings(answers: Answers, names: Sequence[str]) -> dict[str, Numbers]:
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
     """
+    results = [answers.get(name, {}).get(level, {}) for name, level in levels_of(names)]
     complete = [
-        {
-            policy
-            for policy, numbers in answers.get(name, {}).get(level, {}).items()
-            if not numbers["lost"]
-        }
-        for name, level in levels_of(names)
+        {p for p in policies if not policies[p]["lost"]} for policies in results
     ]
 
     def mean(policy: str, name: str, measure: str) -> float | None:
         """Return the mean of a measure over the levels of a trial that have it."""
-        values = [
-            answers[name][level][policy][measure]["estimate"]
-            for _, level in levels_of([name])
-        ]
+        levels = [answers[name][level][policy] for _, level in levels_of([name])]
+        values = [measures[measure]["estimate"] for measures in levels]
         measured = [value for value in values if value is not None]
         return fmean(measured) if measured else None
 
-    numbers: dict[str, Numbers] = {}
-    for policy in sorted(set.intersection(*complete)):
-        numbers[policy] = {
+    numbers = {
+        policy: {
             name: (
                 mean(policy, name, success_measure(TRIALS[name])) or 0.0,
                 mean(policy, name, deciding_measure(TRIALS[name])),
             )
             for name in names
         }
+        for policy in sorted(set.intersection(*complete))
+    }
     return dict(sorted(numbers.items(), key=lambda item: -succeeded(item[1])))
 
 
@@ -145,35 +139,23 @@ def overview(answers: Answers) -> Table:
     def order(policy: str) -> tuple[int, float, str]:
         return -len(shares[policy]), -fmean(shares[policy].values()), policy
 
-    rows = tuple(
-        (
-            titled(policy),
-            *(
-                f"{shares[policy][t]:.2f}" if t in shares[policy] else "–"
-                for t in TIERS
-            ),
-        )
-        for policy in sorted(shares, key=order)
-        if len(shares[policy]) >= 2
-    )
-    return Table(columns=("policy", *TIERS), rows=rows)
+    rows = []
+    for policy in sorted(shares, key=order):
+        if len(tiers := shares[policy]) >= 2:
+            cells = [f"{tiers[tier]:.2f}" if tier in tiers else "–" for tier in TIERS]
+            rows.append((titled(policy), *cells))
+    return Table(columns=("policy", *TIERS), rows=tuple(rows))
 
 
 def separated(answers: Answers, names: Sequence[str]) -> str:
     """Say which policies' shares of successes differ from those of gp, seed by seed."""
-    seeds = {
-        policy: [
-            fmean(values)
-            for values in zip(
-                *(
-                    answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
-                    for name, level in levels_of(names)
-                ),
-                strict=True,
-            )
+    seeds = {}
+    for policy in standings(answers, names):
+        successes = [
+            answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
+            for name, level in levels_of(names)
         ]
-        for policy in standings(answers, names)
-    }
+        seeds[policy] = list(map(fmean, zip(*successes, strict=True)))
     gp = seeds.pop("gp")
     corrected = holm([signed_rank(gp, other) for other in seeds.values()])
     groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}

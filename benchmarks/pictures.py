@@ -2,18 +2,6 @@
 
 MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors,recordings}
 
-``gallery`` draws doors that the oracle, which knows the door, opens, side by side. The
-animations show `gp`, which learned from three other doors of that kind.
-
-``films`` shows `gp` in every trial: an episode of the protocol's first seed, at twice
-the speed. Blue lines are the demonstrations, the red line is the path of the hand, and
-a ball at the hand marks an external force.
-
-``doors`` films two policies at every door of ``gplfd list``, and writes the table of
-these episodes into the gallery page.
-
-``recordings`` draws a recording and a comparison in Rerun's viewer, which needs Vulkan.
-
 All are drawn from logs of episodes. Without a screen MUJOCO_GL must be set before
 Python starts.
 """
@@ -21,6 +9,7 @@ Python starts.
 import contextlib
 import io
 import itertools
+import re
 import subprocess
 import tempfile
 import time
@@ -32,7 +21,6 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from rerun.experimental import ViewerClient
 
@@ -48,11 +36,7 @@ from gplfd_experiments.recording.video import VideoFormat, write_video
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.protocol import TRIALS, named_trials, trial_tasks
-from gplfd_policies import Demonstration
 from gplfd_policies.arrays.storage import complete_or_absent
-
-Pixels = NDArray[np.uint8]
-Points = NDArray[np.float64]
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _IMAGES: Final = Path("docs/images")
@@ -147,23 +131,22 @@ def lettered(image: Image.Image, above: str, below: str = "") -> Image.Image:
 
 
 def gallery() -> None:
-    """Draw the gallery, and the animations in the same folder; takes two minutes."""
-    width, out = 400, _IMAGES / "gallery.png"
-    scenes = _SHOWN["gallery"]
+    """Draw doors that the oracle opens, and animations of `gp`; takes two minutes.
+
+    `gp` learned from three other doors of that kind.
+    """
+    width, scenes = 400, _SHOWN["gallery"]
     images = [lettered(pictured(scene, width), scene["title"]) for scene in scenes]
-    rows, height = -(-len(images) // _COLUMNS), images[0].height
-    page = Image.new("RGB", (_COLUMNS * width, rows * height), _PAPER)
-    for number, image in enumerate(images):
-        row, column = divmod(number, _COLUMNS)
-        page.paste(image, (column * width, row * height))
-    with complete_or_absent(out) as temporary:
-        page.save(temporary, format="PNG")
+    firsts = range(0, len(images), _COLUMNS)
+    rows = [np.hstack(images[first : first + _COLUMNS]) for first in firsts]
+    with complete_or_absent(_IMAGES / "gallery.png") as temporary:
+        Image.fromarray(np.vstack(rows)).save(temporary, format="PNG")
     for name, door in _MOVING.items():
         task = episode_task(door, DOORS[door], policy="gp", seed=0, base="mobile")
         log = episode_log(task)
         last = log.times.size - 1
         frames = overviews(task, log, [*range(0, last, _FRAME), last], width)
-        write_gif(out.parent / name, frames, _FRAME * log.dt, _SHADES)
+        write_gif(_IMAGES / name, frames, _FRAME * log.dt, _SHADES)
 
 
 # --- Films of the trials -----------------------------------------------------
@@ -199,19 +182,22 @@ def task_of(name: str) -> EpisodeTask:
     return task
 
 
-def film_images(
-    log: EpisodeLog,
-    model: mujoco.MjModel,
-    demonstrations: Sequence[Demonstration],
-    size: tuple[int, int],
-) -> Iterator[tuple[int, Pixels]]:
-    """Yield rows of a log and images (H, W, 3) of the scene at these rows."""
+def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
+    """Write the film of a trial, with a line of text above and one below.
+
+    Blue lines are the demonstrations, the red line is the path of the hand, and a ball
+    at the hand marks an external force.
+    """
+    task, film = task_of(name), _SHOWN["films"][name]
+    log, demonstrations = episode_log(task), demonstrations_of(task).demonstrations
+    curve = np.abs(getattr(log.forces, film["curve"]))
+    model, angle = model_of(task), np.degrees(log.opening.door_angle)
     model.vis.global_.fovy = 1.0
     last = min(log.times.size - 1, round(_LONGEST / log.dt))
     rows = [*range(0, last, round(_EVERY / log.dt)), last]
-    width, height = size
+    pages, (width, height) = [], size
     with mujoco.Renderer(model, height, width) as renderer:
-        scene, kinds = renderer.scene, mujoco.mjtGeom
+        scene, capsule = renderer.scene, mujoco.mjtGeom.mjGEOM_CAPSULE
 
         def added(kind: mujoco.mjtGeom, colour: tuple[float, ...]) -> mujoco.MjvGeom:
             """Add a self-luminous shape to the scene."""
@@ -222,12 +208,6 @@ def film_images(
             geom.emission = 0.3
             scene.ngeom += 1
             return geom
-
-        def line(points: Points, colour: tuple[float, ...], width: float) -> None:
-            """Draw a line of a width [m] through points in world coordinates [m]."""
-            kind = kinds.mjGEOM_CAPSULE
-            for ends in itertools.pairwise(points):
-                mujoco.mjv_connector(added(kind, colour), kind, 0.5 * width, *ends)
 
         for row, data in states(log, model, rows):
             site = data.site("task_frame")
@@ -243,32 +223,26 @@ def film_images(
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             # Paths and forces, above everything in the scene.
             above = origin + _ABOVE
-            for demonstration in demonstrations:
-                line(above + demonstration.poses[::10, :3] @ axes.T, _BLUE, 0.007)
-            path = log.motion.ee_pose[: row + 1, :3] @ axes.T
-            line(above + path[::5], _RED, 0.016)
-            names = ("push_force", "person_force", "stop_force")
-            force = max(getattr(log.forces, name)[row] for name in names)
+            path_so_far = above + log.motion.ee_pose[: row + 1, :3] @ axes.T
+            lines = [
+                (above + demonstration.poses[::10, :3] @ axes.T, _BLUE, 0.007)
+                for demonstration in demonstrations
+            ]
+            for points, colour, thickness in [*lines, (path_so_far[::5], _RED, 0.016)]:
+                for ends in itertools.pairwise(points):
+                    shape = added(capsule, colour)
+                    mujoco.mjv_connector(shape, capsule, 0.5 * thickness, *ends)
+            kinds = ("push_force", "person_force", "stop_force")
+            force = max(getattr(log.forces, kind)[row] for kind in kinds)
             if force > 0.0:
-                ball = added(kinds.mjGEOM_SPHERE, _OUTSIDE)
-                ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + path[-1]
-            yield row, renderer.render()
-
-
-def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
-    """Write the film of a trial, with a line of text above and one below."""
-    task, film = task_of(name), _SHOWN["films"][name]
-    log, demonstrations = episode_log(task), demonstrations_of(task).demonstrations
-    curve = np.abs(getattr(log.forces, film["curve"]))
-    angle, force = np.degrees(log.opening.door_angle), _NAMES[film["curve"]]
-    pages = []
-    for row, pixels in film_images(log, model_of(task), demonstrations, size):
-        below = (
-            f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {force}, so far at most "
-            f"{curve[: row + 1].max():.0f} N"
-        )
-        image = Image.fromarray(pixels)
-        pages.append(lettered(image, f"{name}: {film['text']}", below))
+                ball = added(mujoco.mjtGeom.mjGEOM_SPHERE, _OUTSIDE)
+                ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), path_so_far[-1]
+            below = (
+                f"{angle[row]:3.0f}°  {curve[row]:3.0f} N {_NAMES[film['curve']]}, so "
+                f"far at most {curve[: row + 1].max():.0f} N"
+            )
+            image = Image.fromarray(renderer.render())
+            pages.append(lettered(image, f"{name}: {film['text']}", below))
     write_gif(path, pages, _PERIOD, _COLOURS)
 
 
@@ -289,8 +263,8 @@ _FORMAT: Final = VideoFormat(
     encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
 )
 """Format of the videos: about 10 kB each."""
-_MARKS: Final = "<!-- every door: begin -->\n", "<!-- every door: end -->\n"
-"""Lines of the page around the table."""
+_TABLE: Final = "(?s)(?<=<!-- every door: begin -->).*(?=<!-- every door: end -->)"
+"""Expression of the table between two lines of the page."""
 
 
 def doors() -> None:
@@ -313,10 +287,8 @@ def doors() -> None:
             text = f"{outcome}, {angle}° in {log.times[-1]:.1f} s, {peak:.0f} N"
             cells.append(f"[{text}](episodes/{name})")
         rows.append(f"| {' | '.join(cells)} |")
-    before, _, rest = page.read_text().partition(_MARKS[0])
-    _, end, after = rest.partition(_MARKS[1])
-    table = "\n".join(["", *rows, "", ""])
-    page.write_text(f"{before}{_MARKS[0]}{table}{end}{after}")
+    table = "\n".join(["\n", *rows, "\n"])
+    page.write_text(re.sub(_TABLE, lambda _: table, page.read_text()))
 
 
 # --- Recordings --------------------------------------------------------------
@@ -342,17 +314,17 @@ def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
 
 def recordings() -> None:
     """Draw recording.png, of one policy, and comparison.png, of six."""
-    medium = [episode_task("medium", DOORS["medium"], policy="gp", seed=0)]
-    large = [
-        episode_task("large", DOORS["large"], policy=policy, seed=0)
-        for policy in ("gp", "kmp", "gmm-gp", "gmr", "local-gp", "dmp")
-    ]
+    compared = ("gp", "kmp", "gmm-gp", "gmr", "local-gp", "dmp")
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "recording.rrd")
-        for name, tasks, size, at in (
-            ("recording", medium, "1400x864", 3.3),
-            ("comparison", large, "1500x900", 4.0),
+        for name, door, policies, size, at in (
+            ("recording", "medium", ("gp",), "1400x864", 3.3),
+            ("comparison", "large", compared, "1500x900", 4.0),
         ):
+            tasks = [
+                episode_task(door, DOORS[door], policy=policy, seed=0)
+                for policy in policies
+            ]
             logs, model = [*map(episode_log, tasks)], model_of(tasks[0])
             demonstrations = demonstrations_of(tasks[0]).demonstrations
             if len(logs) == 1:

@@ -235,10 +235,7 @@ def agents(repeats: int, counts: tuple[int, ...] = (2, 64), periods: int = 250) 
 
 
 PARTS: dict[str, Callable[[int], Rows]] = {
-    "method": method,
-    "environment": environment,
-    "vectors": vectors,
-    "agents": agents,
+    part.__name__: part for part in (method, environment, vectors, agents)
 }
 
 

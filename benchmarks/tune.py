@@ -1,10 +1,8 @@
 """Tune methods with equal budgets on doors and seeds that studies do not use.
 
-``pip install optuna`` and ``python benchmarks/tune.py DIR [POLICY ...]``. The
-evaluations are kept in DIR/tuning.db: the same command resumes them. DIR/tuned.json has
-the best settings, and those of the other policies as they are. Copied to
-``policies/gplfd_policies/registry/tuned.json``, it defines the policies
-``<name>-tuned``.
+``pip install optuna`` and ``python benchmarks/tune.py DIR [POLICY ...]``. The same
+command resumes the evaluations in DIR/tuning.db. DIR/tuned.json has the best settings;
+as ``policies/gplfd_policies/registry/tuned.json`` it defines ``<name>-tuned``.
 
 The objective was fixed before any measurement. It is the mean of two ranks among a
 method's candidates: by the mean negative log predictive density of demonstrations left
@@ -123,8 +121,7 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
         tasks = [tuple(numbers[1:]) for numbers in values]
         ranks = rankdata([numbers[0] for numbers in values])
         ranks += rankdata([sorted(set(tasks)).index(task) for task in tasks])
-        order = range(len(values))
-        best = min(order, key=lambda k: (ranks[k], tasks[k], k))
+        best = min(range(len(values)), key=lambda k: (ranks[k], tasks[k], k))
         results[policy] = {
             name: {"settings": study.trials[k].params, "values": values[k]}
             for name, k in (("published", 0), ("tuned", best))

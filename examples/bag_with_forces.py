@@ -10,6 +10,7 @@ docs/recordings.md shows the next steps: import the bags, learn from them, and o
 door.
 """
 
+import itertools
 from pathlib import Path
 
 import gymnasium as gym
@@ -19,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import ENVIRONMENT_ID
+from gplfd_experiments.episodes.rollout import rollout
 from gplfd_policies import make_agent
 
 DOORS = {0.35: 0.0, 0.40: 3.0, 0.47: 6.0, 0.53: 2.0, 0.60: 8.0, 0.65: 5.0}
@@ -34,23 +36,16 @@ def message(kind, *parts):
 
 
 def opened(door):
-    """Yield time, pose and wrench at every control period of an opening."""
-    env = gym.make(ENVIRONMENT_ID, door=door)
-    agent = make_agent("oracle", ())
-    observation, _ = env.reset(seed=0)
-    agent.inform(env.unwrapped.door_geometry)
-    agent.reset(observation)
-    ended = False
-    while not ended:
-        action = agent.act(observation).action
-        observation, _, terminated, truncated, _ = env.step(action)
-        ended = terminated or truncated
-        turn = Rotation.from_rotvec(observation["ee_pose"][3:])
-        force, moment = turn.inv().apply(observation["wrench"].reshape(2, 3))
-        position = HANDLE + BASE.apply(observation["ee_pose"][:3])
-        quaternion = (BASE * turn).as_quat()
-        yield float(observation["time"][0]), position, quaternion, force, moment
+    """Yield time, pose and wrench after every control period of an opening."""
+    env, agent = gym.make(ENVIRONMENT_ID, door=door), make_agent("oracle", ())
+    log = rollout(env, agent, policy="oracle", door="door", seed=0)
     env.close()
+    rows = zip(log.times, log.motion.ee_pose, log.forces.wrench, strict=True)
+    for time, pose, wrench in itertools.islice(rows, 1, None):
+        turn = Rotation.from_rotvec(pose[3:])
+        force, moment = turn.inv().apply(wrench.reshape(2, 3))
+        position, quaternion = HANDLE + BASE.apply(pose[:3]), (BASE * turn).as_quat()
+        yield time, position, quaternion, force, moment
 
 
 def write_bag(folder, rows):

@@ -77,14 +77,12 @@ def learn(steps: int = 700_000, out: Path = FOLDER, seed: int = 0):
     torch.set_num_threads(1)
     out.mkdir(parents=True, exist_ok=True)
     envs = make_sb3(2 * len(RADII), door=2 * RADII)
-    normal = VecNormalize(VecMonitor(HeldActions(envs)), gamma=0.99)
+    normal = VecNormalize(VecMonitor(HeldActions(envs)))
     model = PPO(
         "MlpPolicy",
         normal,
         n_steps=64,
         batch_size=256,
-        n_epochs=10,
-        gamma=0.99,
         target_kl=0.03,
         use_sde=True,
         seed=seed,
