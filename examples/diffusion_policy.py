@@ -46,8 +46,12 @@ class Denoiser(nn.Module):
     Chunks and states are scaled to ±1 by their range in the training data.
     """
 
-    def __init__(self):
+    def __init__(self, **training):
         super().__init__()
+        self.scales = {}
+        for name, rows in training.items():
+            low, high = rows.amin(dim=0), rows.amax(dim=0)
+            self.scales[name] = (low + high) / 2, ((high - low) / 2).clamp(min=1e-5)
         self.blocks = nn.Sequential(
             nn.Linear(6 * CHUNK + 6 + 32, WIDTH),
             *(Block() for _ in range(BLOCKS)),
@@ -57,26 +61,17 @@ class Denoiser(nn.Module):
         progress = (torch.arange(LEVELS + 1) / LEVELS + 0.008) / 1.008
         kept = torch.cos(0.5 * math.pi * progress) ** 2
         lost = (1.0 - kept[1:] / kept[:-1]).clamp(max=0.999)
-        self.register_buffer("signal", torch.cumprod(1.0 - lost, dim=0))
-        frequencies = torch.exp(-math.log(1e4) * torch.arange(16) / 16)
-        self.register_buffer("frequencies", frequencies)
-        for name, size in (("state", 6), ("chunk", 6 * CHUNK)):
-            self.register_buffer(f"{name}_centre", torch.zeros(size))
-            self.register_buffer(f"{name}_scale", torch.ones(size))
+        self.signal = torch.cumprod(1.0 - lost, dim=0)
+        self.frequencies = torch.exp(-math.log(1e4) * torch.arange(16) / 16)
 
     def forward(self, chunks, states, levels):
         angles = levels[:, None] * self.frequencies
         inputs = chunks, states, angles.sin(), angles.cos()
         return self.blocks(torch.cat(inputs, dim=1))
 
-    def fit_scales(self, **values):
-        for name, rows in values.items():
-            low, high = rows.amin(dim=0), rows.amax(dim=0)
-            getattr(self, f"{name}_centre").copy_((low + high) / 2)
-            getattr(self, f"{name}_scale").copy_(((high - low) / 2).clamp(min=1e-5))
-
     def scaled(self, name, rows):
-        return (rows - getattr(self, f"{name}_centre")) / getattr(self, f"{name}_scale")
+        centre, scale = self.scales[name]
+        return (rows - centre) / scale
 
     @torch.no_grad()
     def sample(self, pose, noise):
@@ -92,7 +87,8 @@ class Denoiser(nn.Module):
             clean = clean.clamp(-1.0, 1.0)
             noise = (chunk - signal.sqrt() * clean) / (1.0 - signal).sqrt()
             chunk = kept.sqrt() * clean + (1.0 - kept).sqrt() * noise
-        chunk = self.chunk_centre + self.chunk_scale * chunk
+        centre, scale = self.scales["chunk"]
+        chunk = centre + scale * chunk
         return chunk.reshape(CHUNK, 6).numpy().astype(float)
 
 
@@ -117,11 +113,9 @@ def learn(demonstrations, seed):
     """Train a network; its weights are averaged over the last few hundred steps."""
     torch.manual_seed(seed)
     states, chunks = lessons(demonstrations)
-    network = Denoiser()
-    network.fit_scales(state=states, chunk=chunks)
+    network = Denoiser(state=states, chunk=chunks)
     states, chunks = network.scaled("state", states), network.scaled("chunk", chunks)
-    average = get_ema_multi_avg_fn(AVERAGE)
-    averaged = AveragedModel(network, multi_avg_fn=average)
+    averaged = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(AVERAGE))
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=1e-6)
     rates = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, RATE, total_steps=STEPS, pct_start=0.1, cycle_momentum=False
