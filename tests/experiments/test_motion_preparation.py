@@ -12,10 +12,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc, relative_poses
-from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
+from gplfd_experiments.data.preparation import (
+    ImportSettings,
+    Motion,
+    outliers,
+    prepare,
+)
 from gplfd_experiments.data.preparation.frames import doubtful_rotation, find_hinge
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
-from gplfd_experiments.data.preparation.timing import outliers
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_here
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk

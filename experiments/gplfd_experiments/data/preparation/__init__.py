@@ -1,5 +1,6 @@
 """Converts motions from files to demonstrations, with notes on every change."""
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,11 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.data.preparation import frames, timing
+from gplfd_experiments.data.preparation import frames
 from gplfd_experiments.data.preparation.samples import (
     Notes,
     Samples,
+    at_rate,
+    bridged,
+    filtered,
     of_one_clock,
+    repetitions,
     usable,
     without_spikes,
 )
@@ -72,7 +77,7 @@ def prepare(
         samples = frames.wrenches_of_the_hand(samples, raw, settings, notes)
         name = raw.name
         try:
-            parts = timing.repetitions(samples, settings.segment, notes)
+            parts = repetitions(samples, settings.segment, notes)
             for number, part in enumerate(parts, start=1):
                 name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
                 motions.append(_motion(name, part, settings, notes, left, raw.reading))
@@ -100,7 +105,7 @@ def prepare(
             warnings.simplefilter("ignore", UserWarning)
             demonstrations = [motion.demonstration for motion in motions]
             aligned = align(demonstrations, n_samples=_COMPARED, trim_rests=False)
-        for place, text in timing.outliers(list(aligned.poses)).items():
+        for place, text in outliers(list(aligned.poses)).items():
             motions[place].notes.warn(f"unlike the others: {text}")
     return tuple(motions)
 
@@ -114,17 +119,17 @@ def _motion(
     reading: str,
 ) -> Motion:
     """Prepare one repetition with a limited number of samples."""
-    samples = timing.bridged(recorded, settings.largest_gap, notes)
+    samples = bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.positions, axis=0).max())
     if not _SMALL <= span <= _LARGE:
         notes.warn(f"it spans {span:.3g} m: is the unit right? say --units")
-    samples = timing.filtered(samples, settings.cutoff, notes)
+    samples = filtered(samples, settings.cutoff, notes)
     if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))
         before, after = start - samples.times[0], samples.times[-1] - end
         if before > 0.0 or after > 0.0:
-            samples = samples[(samples.times >= start) & (samples.times <= end)]
+            samples = samples.between(start, end)
             notes.add(
                 f"rests of {before:.2f} s at the start and {after:.2f} s at the end cut"
             )
@@ -141,7 +146,7 @@ def _motion(
         )
         samples = opening
     samples, radius = frames.in_frame(samples, settings.frame, notes)
-    samples = timing.at_rate(samples, settings.rate, most)
+    samples = at_rate(samples, settings.rate, most)
     return Motion(
         name=name,
         demonstration=_demonstration(samples),
@@ -160,3 +165,35 @@ def _demonstration(samples: Samples) -> Demonstration:
         samples.poses[:, 3:],
         wrenches=samples.wrenches,
     )
+
+
+def outliers(ways: Sequence[FloatArray]) -> dict[int, str]:
+    """Describe motions whose position or rotation is far from the others', by index.
+
+    Their greatest distance from the median motion is more than 3.5 robust standard
+    deviations above the usual one (so is one normal motion of 4,000), more than three
+    times the median distance, and more than 20 mm or 5°, the difference of careful
+    repetitions by hand. The motions are poses at the same phases [m, rad], (M, 6) each.
+    """
+    apart = np.stack(ways) - np.median(np.stack(ways), axis=0)
+    unlike: dict[int, str] = {}
+    for part, scale, unit, axes, least in (
+        (apart[:, :, :3], 1e3, "mm", "along", 20.0),
+        (apart[:, :, 3:], math.degrees(1.0), "deg", "about", 5.0),
+    ):
+        distances = scale * np.linalg.norm(part, axis=2)
+        greatest = distances.max(axis=1)
+        usual = float(np.median(greatest))
+        spread = 1.4826 * float(np.median(np.abs(greatest - usual)))
+        far = greatest > max(usual + 3.5 * spread, 3.0 * usual, least)
+        for place in map(int, np.flatnonzero(far)):
+            phase = int(distances[place].argmax())
+            axis = int(np.abs(part[place, phase]).argmax())
+            sign = "-" if part[place, phase, axis] < 0.0 else "+"
+            before = f"{unlike[place]}; " if place in unlike else ""
+            unlike[place] = (
+                f"{before}{greatest[place]:.0f} {unit} from the median motion, most "
+                f"{axes} {sign}{'xyz'[axis]}, at {100 * phase / (len(part[0]) - 1):.0f}"
+                f" % of the path (usual: {usual:.0f} {unit})"
+            )
+    return unlike

@@ -48,13 +48,13 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
             named = f"{len(heads)} are named: {listed(heads)}"
             raise ValueError(f"line {number} has {len(cells)} columns, and {named}")
         for name, (place, _) in places.items():
-            try:
-                values.append(_number(cells[place], delimiter))
-            except ValueError:
+            value = _number(cells[place], delimiter)
+            if value is None:
                 raise ValueError(
                     f"line {number}, column {place + 1} ({name}): {cells[place]!r:.40} "
                     "is no number"
-                ) from None
+                )
+            values.append(value)
     table = np.frombuffer(values).reshape(-1, len(places)).T
     columns = {
         name: (numbers, unit)
@@ -105,12 +105,10 @@ def _delimiter(lines: list[tuple[int, str]]) -> str:
         return separated[1].replace("\\t", "\t")
     text = lines[:_MOST_HEADS][-1][1]
     marks = [*(mark for mark in "\t;," if mark in text), " "]
-    numeric = (
-        mark
-        for mark in marks
-        if all(_is_number(cell, mark) for cell in _cells(text, mark))
-    )
-    return next(numeric, marks[0])
+    for mark in marks:
+        if all(_number(cell, mark) is not None for cell in _cells(text, mark)):
+            return mark
+    return marks[0]
 
 
 def _heads(
@@ -121,7 +119,7 @@ def _heads(
     in_order = columns if not any("=" in column for column in columns) else ()
     wanted = {column.partition("=")[2] for column in columns}
     for index, cells in enumerate(rows):
-        numeric = [_is_number(cell, delimiter) for cell in cells]
+        numeric = [_number(cell, delimiter) is not None for cell in cells]
         names = [understood(cell)[0] for cell in cells]
         if in_order:
             used = [at for at, name in enumerate(in_order) if understood(name)[0]]
@@ -154,15 +152,11 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
 
 
-def _number(cell: str, delimiter: str) -> float:
+def _number(cell: str, delimiter: str) -> float | None:
+    """Return the number in a cell, NaN for a missing one, None for a text."""
     if cell.lower() in _MISSING:
         return float("nan")
-    return float(cell if delimiter == "," else cell.replace(",", "."))
-
-
-def _is_number(cell: str, delimiter: str) -> bool:
     try:
-        _number(cell, delimiter)
+        return float(cell if delimiter == "," else cell.replace(",", "."))
     except ValueError:
-        return False
-    return True
+        return None
