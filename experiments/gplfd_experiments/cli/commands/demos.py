@@ -100,7 +100,7 @@ class Export:
 
     def execute(self) -> int:
         """Write the files, and print their location."""
-        from gplfd_experiments.data.writers import export_demonstrations
+        from gplfd_experiments.data.writers.lerobot import export_demonstrations
 
         number = export_demonstrations(
             self.demonstrations,

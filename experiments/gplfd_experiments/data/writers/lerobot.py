@@ -1,29 +1,42 @@
-"""Demonstrations as a data set of LeRobot, version 3: parquet files, no videos.
+"""Demonstrations and episodes as a data set of LeRobot, version 3, without videos.
 
 ``observation.state`` is position and quaternion, ``action`` the next state, both in
 float32 as in LeRobot. Pictures are PNG files, LeRobot's kind "image".
 """
 
+import contextlib
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 from PIL import Image
 
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.envs.camera import Camera
+from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
 from gplfd_experiments.data.readers.tables import FORCE
-from gplfd_experiments.data.writers import Rows
+from gplfd_experiments.data.writers import states_of
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import write_json
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+    load_demonstrations,
+)
 
 with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow
     import pyarrow.parquet
 
+_CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
+_EQUAL: Final = 0.05  # Largest relative difference of time steps.
 _NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 _SAMPLED: Final = 50  # Number of pictures for the statistics of colours.
 _FILE: Final = "chunk-000/file-000.parquet"
@@ -48,6 +61,143 @@ _TASKS: Final = {
     "column_indexes": [],
 }
 """What pandas needs to know of the table of tasks, in which the task is the index."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Rows:
+    """One demonstration, a row per sample."""
+
+    rate: float
+    """Samples per second [Hz]."""
+    states: FloatArray
+    """Position [m] and quaternion, the scalar last, (N, 7)."""
+    actions: FloatArray
+    """The state to be reached at the next sample, (N, 7)."""
+    wrenches: FloatArray | None
+    """Forces and moments of the environment on the hand, in the frame of the states and
+    about the position of the hand [N, N m], (N, 6); or none."""
+    signals: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Other recorded signals, (N, d) each."""
+    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
+    """PNG files by the name of their camera, N each, all of the same size."""
+    task: str = "recorded motion"
+    """Description of the task."""
+
+
+def export_demonstrations(
+    source: Path,
+    target: Path,
+    *,
+    rate: int | None = None,
+    cameras: Sequence[str] = (),
+    size: tuple[int, int] = (320, 240),
+) -> int:
+    """Write demonstrations or episodes as a data set, and return how many.
+
+    Episodes are written with a number of rows per second (100, or 10 with pictures) and
+    the pictures of some cameras, whose size is width and height [px].
+
+    Raises:
+        ValueError: The target exists, or the source cannot be exported.
+        OSError: A file cannot be read or written, or this machine cannot render.
+        ModuleNotFoundError: The library of the format is not installed.
+    """
+    if target.exists():
+        raise ValueError(f"--out {target} exists; give another")
+    if (source / "data/metadata.json").is_file():
+        rows = _episode_rows(source, rate or (10 if cameras else 100), cameras, size)
+    elif cameras or rate is not None:
+        raise ValueError(
+            f"{source} holds motions alone; --pictures and --rate are for episodes of "
+            "`gplfd demos record`"
+        )
+    else:
+        rows = _demonstration_rows(load_demonstrations(source))
+    _write(target, rows)
+    return len(rows)
+
+
+def _demonstration_rows(labelled: LabelledDemonstrations) -> list[_Rows]:
+    """Return the rows of demonstrations; raise ValueError unless steps are equal."""
+    rows: list[_Rows] = []
+    for number, demonstration in enumerate(labelled.demonstrations):
+        times, wrenches = demonstration.times, demonstration.wrenches
+        steps = np.diff(times)
+        rate = len(steps) / float(times[-1] - times[0])
+        usual = rows[0].rate if rows else rate
+        if np.abs(steps * usual - 1.0).max() > _EQUAL:
+            raise ValueError(
+                f"demonstration {number} is not sampled at equal steps of "
+                f"{1.0 / usual:.4g} s; import all with --rate 100"
+            )
+        states = states_of(demonstration.poses)
+        rows.append(
+            _Rows(
+                rate=rate,
+                states=states,
+                actions=np.vstack([states[1:], states[-1:]]),
+                # As the environment observes them: of the opposite sign.
+                wrenches=None if wrenches is None else -wrenches,
+                signals=labelled.signals[number] if labelled.signals else {},
+            )
+        )
+    return rows
+
+
+def _episode_rows(
+    source: Path, rate: int, cameras: Sequence[str], size: tuple[int, int]
+) -> list[_Rows]:
+    """Return the rows of episodes; an action is the last command before the next."""
+    from gplfd_experiments.data.minari import PHYSICS_STATE, STATE, open_dataset
+
+    if not 0 < rate <= _CONTROL_RATE or _CONTROL_RATE % rate:
+        raise ValueError(
+            f"--rate {rate} must divide the {_CONTROL_RATE} steps per second of an "
+            "episode: 100, 50, 25, 20, 10, 5, ..."
+        )
+    rows, dataset = [], open_dataset(source)
+    with contextlib.closing(dataset.make_environment()) as env:
+        numbers = range(dataset.n_episodes)
+        for number in progress_bar(numbers, desc="exporting", unit="episode"):
+            episode = dataset.episode(number)
+            steps = np.arange(0, len(episode.rewards), _CONTROL_RATE // rate)
+            following = np.append(steps[1:], len(episode.rewards)) - 1
+            seen = episode.observations["ee_pose"][steps]
+            commanded = episode.actions[following, :6]
+            # In one sequence, so that the signs of a state and its action agree.
+            poses = np.stack([seen, commanded], axis=1)
+            both = states_of(poses.reshape(-1, 6)).reshape(len(steps), 2, 7)
+            if cameras:
+                env.reset(seed=episode.seed, options=dict(episode.options) or None)
+            inner: Any = env.unwrapped
+            pictures: dict[str, list[bytes]] = {}
+            for name in cameras:
+                # Drawn from the physics states, as PNG files.
+                files = pictures[name] = []
+                camera = Camera(inner.model, *size, name, effects=False)
+                with contextlib.closing(camera):
+                    for state in episode.infos[PHYSICS_STATE][steps]:
+                        mujoco.mj_setState(inner.model, inner.data, state, STATE)
+                        mujoco.mj_forward(inner.model, inner.data)
+                        try:
+                            picture = camera.picture("rgb_array", inner.data)
+                        except RuntimeError as error:
+                            raise OSError(f"--pictures: {error}") from error
+                        file = io.BytesIO()
+                        Image.fromarray(np.asarray(picture)).save(file, format="png")
+                        files.append(file.getvalue())
+            rows.append(
+                _Rows(
+                    rate=float(rate),
+                    states=both[:, 0],
+                    actions=both[:, 1],
+                    wrenches=episode.observations["wrench"][steps],
+                    signals={},
+                    pictures=pictures,
+                    task="open the door",
+                )
+            )
+    return rows
 
 
 class _Columns:
@@ -93,7 +243,7 @@ class _Columns:
         }
 
 
-def write(path: Path, demonstrations: Sequence[Rows]) -> None:
+def _write(path: Path, demonstrations: Sequence[_Rows]) -> None:
     """Write a data set; raise ValueError if the rate is no whole number [Hz]."""
     rate = round(demonstrations[0].rate)
     if any(abs(rows.rate / max(rate, 1) - 1.0) > 0.01 for rows in demonstrations):
