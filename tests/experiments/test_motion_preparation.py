@@ -22,7 +22,7 @@ from gplfd_experiments.data.preparation.frames import doubtful_rotation, find_hi
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_here
-from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.data.teacher.motion import minimum_jerk
 
 pytestmark = pytest.mark.slow
 

@@ -20,13 +20,11 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
     doors_like,
 )
-from gplfd_experiments.data.teacher.handle_motion import (
+from gplfd_experiments.data.teacher.motion import (
     Press,
+    coloured_noise,
     draw_press,
     handle_angles,
-)
-from gplfd_experiments.data.teacher.random_motion import (
-    coloured_noise,
     irregular_timing,
     lose_samples,
     minimum_jerk,

@@ -23,7 +23,7 @@ from gplfd_experiments.data.teacher.forces import (
     handle_torque,
     hinge_torque,
 )
-from gplfd_experiments.data.teacher.random_motion import MESSY, TIDY, minimum_jerk
+from gplfd_experiments.data.teacher.motion import MESSY, TIDY, minimum_jerk
 from gplfd_experiments.studies.tasks import noisy_teacher
 
 SIZES = [one.name for one in dataclasses.fields(ForceConfig) if "time" not in one.name]
@@ -126,7 +126,10 @@ def test_the_simulated_door_takes_the_same_torques(name):
 def test_forces_leave_the_motion_alone_and_are_the_same_again(habits):
     door, each = DoorConfig(**ROOM), []
     for forces in (ForceConfig(), ForceConfig(), None):
-        human, rng = teacher.Teacher(None, habits, forces), np.random.default_rng(3)
+        human, rng = (
+            teacher.Teacher(habits=habits, forces=forces),
+            np.random.default_rng(3),
+        )
         each.append([human.demonstrate(door, rng) for _ in range(2)])
     for one, again, alone in zip(*each, strict=True):
         assert one.times.tobytes() == alone.times.tobytes()

@@ -22,7 +22,7 @@ from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
-from gplfd_experiments.data.teacher.handle_motion import with_reaches
+from gplfd_experiments.data.teacher.motion import with_reaches
 from gplfd_experiments.episodes.leading import Practice, corrected
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollout, rollouts

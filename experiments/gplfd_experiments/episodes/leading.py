@@ -14,8 +14,12 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_experiments.data.teacher.handle_motion import Press, handle_angles
-from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.data.teacher.motion import (
+    Press,
+    handle_angles,
+    minimum_jerk,
+    smooth_functions,
+)
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent

@@ -24,7 +24,7 @@ from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.console.arguments import check_folder
-from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.data.teacher.motion import minimum_jerk
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.leading import BLEND_TIME, LOST, PULLS, LedAgent
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task

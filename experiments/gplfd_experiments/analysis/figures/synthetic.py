@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri, stdtrit
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.style import Material
-from gplfd_experiments.data.teacher.random_motion import (
+from gplfd_experiments.data.teacher.motion import (
     minimum_jerk,
     smooth_functions,
     uneven_timing,

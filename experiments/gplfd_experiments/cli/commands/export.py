@@ -120,7 +120,7 @@ class Serve(ServeSettings):
     def execute(self) -> int:
         """Serve until the client or Ctrl-C ends it."""
         from gplfd_experiments.data.teacher import Teacher
-        from gplfd_experiments.data.teacher.handle_motion import with_reaches
+        from gplfd_experiments.data.teacher.motion import with_reaches
         from gplfd_policies.demonstrations.npz import LabelledDemonstrations
         from gplfd_policies.serving.server import serve
 

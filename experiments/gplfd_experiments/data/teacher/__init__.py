@@ -1,12 +1,14 @@
 """The synthetic human that demonstrates doors, and random smooth motion."""
 
 from gplfd_experiments.data.teacher.forces import ForceConfig
-from gplfd_experiments.data.teacher.handle_motion import (
+from gplfd_experiments.data.teacher.motion import (
     DEMONSTRATED_RADII,
+    MESSY,
     ROOM_RADII,
+    TIDY,
+    Habits,
     doors_like,
 )
-from gplfd_experiments.data.teacher.random_motion import MESSY, TIDY, Habits
 from gplfd_experiments.data.teacher.synthetic_human import (
     Teacher,
     TeacherConfig,

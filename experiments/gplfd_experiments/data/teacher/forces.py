@@ -19,7 +19,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.doors.motion import CloserLaw, carried, links_of, roller_way
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_experiments.data.teacher.random_motion import smooth_functions
+from gplfd_experiments.data.teacher.motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 
 _HANDLE_MASS: Final = 0.4  # Mass at the distance of the handle from the hinge [kg].

@@ -22,14 +22,13 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_experiments.data.teacher import handle_motion, random_motion
+from gplfd_experiments.data.teacher import motion
 from gplfd_experiments.data.teacher.forces import ForceConfig, hand_wrenches
-from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
-from gplfd_experiments.data.teacher.random_motion import (
+from gplfd_experiments.data.teacher.motion import (
+    DEMONSTRATED_RADII,
     TIDY,
     Habits,
-    irregular_timing,
-    lose_samples,
+    doors_like,
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -78,18 +77,13 @@ def standard_teacher() -> dict[str, float]:
     return dataclasses.asdict(TeacherConfig())
 
 
+@dataclass(frozen=True, slots=True)
 class Teacher:
     """Demonstrates doors; without a `ForceConfig`, it records no forces."""
 
-    def __init__(
-        self,
-        config: TeacherConfig | None = None,
-        habits: Habits = TIDY,
-        forces: ForceConfig | None = None,
-    ) -> None:
-        self.config = TeacherConfig() if config is None else config
-        self.habits = habits
-        self.forces = forces
+    config: TeacherConfig = TeacherConfig()
+    habits: Habits = TIDY
+    forces: ForceConfig | None = None
 
     def demonstrate(
         self, door: float | DoorConfig, rng: np.random.Generator
@@ -113,25 +107,25 @@ class Teacher:
         final_angle = config.angle_mean + config.angle_std * float(further)
         if door.motion != "hinged":
             final_angle = min(final_angle, end_angle(door) - _BEFORE_STOP)
-        press = handle_motion.draw_press(door, press_rng)
-        lasting = handle_motion.duration(press, opening)
+        press = motion.draw_press(door, press_rng)
+        lasting = motion.duration(press, opening)
         rate, tidy = config.sampling_rate, self.habits == TIDY
         if tidy:
             times = np.arange(math.ceil(lasting * rate) + 1) / rate
             clock, back = times / lasting, np.zeros(times.size)
         else:
-            times, clock, back = irregular_timing(self.habits, lasting, rate, habit_rng)
-        progress = random_motion.uneven_timing(clock, config.timing_std, timing_rng)
-        share, opened = handle_motion.press_and_opening(progress, press, opening)
-        angles = np.maximum(
-            final_angle * random_motion.minimum_jerk(opened) - back, 0.0
-        )
-        turns = handle_motion.handle_angles(press, share, angles)
+            times, clock, back = motion.irregular_timing(
+                self.habits, lasting, rate, habit_rng
+            )
+        progress = motion.uneven_timing(clock, config.timing_std, timing_rng)
+        share, opened = motion.press_and_opening(progress, press, opening)
+        angles = np.maximum(final_angle * motion.minimum_jerk(opened) - back, 0.0)
+        turns = motion.handle_angles(press, share, angles)
         # The sensor on the hand is off the bar's centre and moves slightly on it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * hand_rng.standard_normal(3)
-        wobble = random_motion.smooth_functions(times, config.wobble_time, 6, hand_rng)
+        wobble = motion.smooth_functions(times, config.wobble_time, 6, hand_rng)
         slip = offset + config.wobble_position_std * wobble[:, :3]
         turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
         positions, rotations = path[:, :3] + handle.apply(slip), handle * turn
@@ -144,7 +138,7 @@ class Teacher:
             )
         if tidy:
             return Demonstration(times=times, poses=poses, wrenches=wrenches)
-        kept, poses = lose_samples(self.habits, poses, habit_rng)
+        kept, poses = motion.lose_samples(self.habits, poses, habit_rng)
         wrenches = None if wrenches is None else wrenches[kept]
         return Demonstration(times=times[kept], poses=poses[kept], wrenches=wrenches)
 
@@ -189,9 +183,7 @@ class Teacher:
         """
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
-        times, positions, rotations = handle_motion.reach_motion(
-            rate, uneven, motion_rng
-        )
+        times, positions, rotations = motion.reach_motion(rate, uneven, motion_rng)
         poses = self._measured(times, positions, rotations, suit_rng, origin=-1)
         return Demonstration(times=times, poses=poses)
 
@@ -207,7 +199,7 @@ class Teacher:
         """Return the measurement of the suit, (N, 6) [m, rad], relative to a sample."""
         config = self.config
         drift_rate = config.vertical_drift_std * rng.standard_normal()
-        noise = random_motion.coloured_noise(
+        noise = motion.coloured_noise(
             times.size, config.noise_bandwidth / config.sampling_rate, 6, rng
         )
         measured = positions + config.noise_position_std * noise[:, :3]

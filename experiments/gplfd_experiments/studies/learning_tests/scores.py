@@ -40,7 +40,7 @@ from gplfd_experiments.data.teacher import (
     Teacher,
     TeacherConfig,
 )
-from gplfd_experiments.data.teacher.random_motion import smooth_functions
+from gplfd_experiments.data.teacher.motion import smooth_functions
 from gplfd_experiments.episodes.metrics import log_dimensionless_jerk, squared_distances
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.folds import (
