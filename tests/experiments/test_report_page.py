@@ -64,7 +64,7 @@ def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
         text = write_report(results, study, tmp_path / out).read_text()
     folder = tmp_path / "first"
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    assert len(files) == 12
+    assert len(files) == 8
     for file in files:
         other = tmp_path / "second" / file.relative_to(folder)
         assert file.read_bytes() == other.read_bytes(), file.name

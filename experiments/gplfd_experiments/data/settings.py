@@ -1,4 +1,7 @@
-"""Settings with which motion files are read and prepared, and units."""
+"""Settings with which motion files are read and prepared, and units.
+
+Imports of NumPy are in functions, so that ``--help`` is fast.
+"""
 
 import math
 import re
@@ -8,8 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import tyro
-
-from gplfd_env.validation.fields import Quantities, check_choice, quantity
 
 METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 SECONDS: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -28,8 +29,15 @@ _ANGLES: Final = re.compile(
     r"(rad|deg)|euler-((?!.*(.)\3)(?:[xyz]{3}|[XYZ]{3}))(?:-(rad|deg))?"
 )
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
-_POSITIVE: Final[Mapping[str, float]] = {"low": 0.0, "high": 1e5}
-_NONZERO: Final[Mapping[str, float]] = {"low": 1e-5, "high": 1e5}
+_NUMBERS: Final[Mapping[str, tuple[str, float]]] = {
+    "recorded_rate": ("Hz", 1e-5),
+    "force_rest": ("s", 0.0),
+    "tool_weight": ("N", 0.0),
+    "cutoff": ("Hz", 0.0),
+    "rate": ("Hz", 0.0),
+    "largest_gap": ("s", 1e-5),
+}
+"""Units of numbers, and their least values."""
 _USUAL_STEP: Final = (9e-4, 0.9)
 """Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
 of 1,000, as units of time do, so that at most one unit fits."""
@@ -105,7 +113,7 @@ _Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ImportSettings(Quantities):
+class ImportSettings:
     """What is read from motion files, what they do not state, and how it is prepared.
 
     The defaults suit a hand recorded at 50 Hz or more.
@@ -131,9 +139,7 @@ class ImportSettings(Quantities):
     order of SciPy: euler-xyz about fixed axes, euler-ZYX about those of the hand."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of quaternion components without names."""
-    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = quantity(
-        None, unit="Hz", **_NONZERO
-    )
+    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Samples per second of recordings without time stamps."""
     urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Robot whose joint states were recorded."""
@@ -150,12 +156,10 @@ class ImportSettings(Quantities):
     force_sensor: _Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
     [m]. Moments are about its origin."""
-    force_rest: _Seconds = quantity(0.0, unit="s", **_POSITIVE)
+    force_rest: _Seconds = 0.0
     """Time at the start without contact of the hand [s]; the mean force in this time is
     the bias that is removed. 0 removes no bias."""
-    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = quantity(
-        0.0, unit="N", **_POSITIVE
-    )
+    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
     """Weight of the tool on the sensor, which is subtracted [N]."""
     tool_centre: _Vector = (0.0, 0.0, 0.0)
     """Centre of mass of the tool in the frame of the sensor [m]."""
@@ -172,15 +176,21 @@ class ImportSettings(Quantities):
     motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
-    cutoff: _Hertz = quantity(10.0, unit="Hz", **_POSITIVE)
+    cutoff: _Hertz = 10.0
     """Cut-off of the low-pass filter; 0 disables the filter."""
-    rate: _Hertz = quantity(100.0, unit="Hz", **_POSITIVE)
+    rate: _Hertz = 100.0
     """Samples per second of the result; 0 keeps the recorded samples."""
-    largest_gap: _Seconds = quantity(0.5, unit="s", **_NONZERO)
+    largest_gap: _Seconds = 0.5
     """Longest gap between samples that is interpolated [s]."""
 
     def __post_init__(self) -> None:
-        Quantities.__post_init__(self)
+        from gplfd_env.validation.fields import Range, check_choice, checked_number
+
+        for name, (symbol, low) in _NUMBERS.items():
+            if (number := getattr(self, name)) is not None:
+                bounds = Range(low=low, high=1e5, unit=symbol)
+                number = checked_number(f"ImportSettings.{name}", number, bounds)
+                object.__setattr__(self, name, number)
         angles_of(self.angles)
         for name, allowed in _CHOICES.items():
             check_choice(name, getattr(self, name), allowed)

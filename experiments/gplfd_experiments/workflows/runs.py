@@ -3,6 +3,7 @@
 import contextlib
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -104,6 +105,10 @@ def open_doors(
         files = {key: f"demonstrations-{kinds[key][0].door}.npz" for key in kinds}
     names = [CONFIGURATION, METRICS, *files.values()]
     names += [f"{task.door}{suffix}" for task in tasks for suffix in (".npz", ".rrd")]
+    # Some file systems do not distinguish capitals.
+    name, times = Counter(map(str.casefold, names)).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{name} would be two files of this run; rename a door's file")
     results = [*map(folder.joinpath, names), *videos.values()]
     if existing := [path.name for path in results if path.exists()]:
         raise ValueError(

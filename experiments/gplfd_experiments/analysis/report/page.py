@@ -116,10 +116,10 @@ def report(results: StudyResults, reference: str) -> Document:
         ]
         sections.append(Section("Paired tests", tests))
     if results.recorded:
-        sections.append(predictions.recorded_section(results.recorded, reference))
+        sections.append(predictions.recorded_section(results.recorded))
     if results.tests:
         sections.append(predictions.table_one_section(results.tests))
-        sections.append(predictions.learning_section(results.tests, reference))
+        sections.append(predictions.learning_section(results.tests))
     sections.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"

@@ -16,17 +16,11 @@ from gplfd_experiments.analysis.report.document import kind_of
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
-    LEARNING_HEADLINES,
-    LEARNING_MEASURES,
     Runs,
     door_name,
     grouped,
 )
-from gplfd_experiments.analysis.results.reading import (
-    NON_STANDARD,
-    EpisodeResult,
-    TaskResult,
-)
+from gplfd_experiments.analysis.results.reading import NON_STANDARD, EpisodeResult
 from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict, summary
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
@@ -161,56 +155,6 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
 
     labels = "door angle / final angle", "error [mm]"
     return policy_panels(runs, reference, labels, draw, "no forecast")
-
-
-def coverage(runs: Mapping[str, Sequence[TaskResult]], reference: str) -> Figure:
-    """Draw the measured coverage of intervals over the nominal coverage."""
-
-    def draw(axes: Axes, tests: Sequence[TaskResult], _: str) -> Points:
-        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
-        axes.set(xlim=(0.4, 1.02), ylim=(-0.02, 1.04), yticks=[0.0, 0.5, 1.0])
-        axes.set_xticks([0.5, 0.9], labels=["0.5", "0.9"])
-        shares = (
-            (level / 100.0, LEARNING_MEASURES[f"coverage_{level}"].median(tests))
-            for level in (50, 90, 95)
-        )
-        return [(level, share) for level, share in shares if share is not None]
-
-    labels = "nominal share", "measured share"
-    return policy_panels(runs, reference, labels, draw, "no uncertainty")
-
-
-def prediction_scores(runs: Mapping[str, Sequence[TaskResult]]) -> Figure:
-    """Draw likelihood and errors of predictions: dots are tests, bars medians."""
-    kinds = sorted({test.left_out for tests in runs.values() for test in tests})
-    tints = dict(zip(kinds, (style.DOORS[1], style.AXIS_X), strict=False))
-    position = LEARNING_MEASURES["rmse_position_m"]
-
-    def error(policy: str) -> tuple[float, str]:
-        middle = position.median(runs[policy])
-        return math.inf if middle is None else middle, policy
-
-    order = sorted(runs, key=error, reverse=True)
-    figure = style.new_figure(style.PAGE, 0.24 * len(runs) + 0.75)
-    panels = figure.subplots(1, len(LEARNING_HEADLINES), sharey=True, squeeze=False)[0]
-    for axes, name in zip(panels, LEARNING_HEADLINES, strict=True):
-        measure = LEARNING_MEASURES[name]
-        for row, policy in enumerate(order):
-            for number, (kind, tint) in enumerate(tints.items()):
-                tests = [test for test in runs[policy] if test.left_out == kind]
-                if values := measure.values(tests):
-                    height = row + 0.32 * (number - 0.5 * (len(kinds) - 1))
-                    heights = [height] * len(values)
-                    axes.plot(values, heights, marker="o", ms=2.2, color=tint, **_DOTS)
-                    middle = [statistics.median(values)]
-                    axes.plot(middle, [height], "|", ms=8, mew=1.8, color=tint)
-        axes.set_xlabel(measure.column)
-        axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
-        axes.grid(axis="y", color=_GRID, linewidth=0.5)
-        if name != "nlpd":
-            log_scale(axes, "x")
-    _legend(figure, ((f"{k} left out", {**_DOT, "color": tints[k]}) for k in tints))
-    return figure
 
 
 def _doors(

@@ -6,14 +6,11 @@ limits are in `gplfd_experiments.studies.learning_tests.criteria`.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any, Final
 
-from gplfd_experiments.analysis.report import plots
 from gplfd_experiments.analysis.report.document import (
     Block,
     Column,
-    Plot,
     Section,
     Text,
     code,
@@ -22,7 +19,6 @@ from gplfd_experiments.analysis.report.document import (
 )
 from gplfd_experiments.analysis.results.measures import (
     FORCE_MEASURES,
-    LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
     Measure,
@@ -42,7 +38,7 @@ _LEFT_OUT: Final = {
 }
 _MEASURES: Final = {**LEARNING_MEASURES, **RECORDED_MEASURES, **FORCE_MEASURES}
 _SUMMARY: Final = (
-    *(*LEARNING_HEADLINES, "coverage_95"),
+    *("nlpd", "rmse_position_m", "rmse_rotation_rad", "coverage_95"),
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m", "online_25_coverage_95"),
 )
@@ -56,32 +52,27 @@ _NOTE: Final = (
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
 
 
-def learning_section(tests: Results, reference: str) -> Section:
-    """Learning tests without a robot; plots of the first condition."""
+def learning_section(tests: Results) -> Section:
+    """Return all measures of learning tests without a robot."""
     groups = {
         f"{left_out}: {condition.teaching}": here
         for condition, those in by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
         if (here := [test for test in those if test.left_out == held_out])
     }
-    drawn = _plots(_first_condition(tests), reference)
-    return Section("What was learned, without a robot", [_all_measures(groups), *drawn])
+    return Section("What was learned, without a robot", [_all_measures(groups)])
 
 
-def recorded_section(results: Results, reference: str) -> Section:
-    """All methods on recordings, each left out in turn."""
+def recorded_section(results: Results) -> Section:
+    """Return all methods on recordings, each left out in turn."""
     introduction = (
         "Each recording is left out in turn and predicted from the others. The phase "
         "is the share of the path that the hand has covered; **online**, the method "
         "estimates it from the samples so far, as on a robot."
     )
-    blocks: list[Block] = [
-        Text(introduction),
-        overview(results),
-        *_plots([result for result in results if not result.error], reference),
-        _all_measures({"": results}),
-    ]
-    return Section("What was learned from the recordings", blocks)
+    tables = overview(results), _all_measures({"": results})
+    title = "What was learned from the recordings"
+    return Section(title, [Text(introduction), *tables])
 
 
 def overview(results: Results) -> Table:
@@ -95,12 +86,6 @@ def overview(results: Results) -> Table:
     note = f"**n:** recordings left out, one at a time. {_NOTE}"
     number, *medians = _columns(_SUMMARY)
     return policy_table({"": dict(order)}, [*medians, number], note=note)
-
-
-def _first_condition(tests: Results) -> Results:
-    """Return the tests without an error of the condition with most of them."""
-    ran = by_condition(test for test in tests if not test.error)
-    return next(iter(ran.values()), [])
 
 
 def _columns(metrics: Iterable[str]) -> list[Column]:
@@ -117,31 +102,11 @@ def _all_measures(groups: Mapping[str, Results]) -> Table:
     return policy_table(runs, _columns(metrics), title="All measures", note=_NOTE)
 
 
-def _plots(tests: Results, reference: str) -> list[Plot]:
-    """Return plots of coverage and errors of predictions, if there is a test."""
-    runs = by_policy(tests)
-    calibration = Plot(
-        "coverage",
-        partial(plots.coverage, runs, reference),
-        "**Calibration of the predicted uncertainty.** Share of left-out numbers "
-        "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
-        "intervals are too narrow.",
-        "Measured against nominal coverage, a panel per policy",
-    )
-    errors = Plot(
-        "skill",
-        partial(plots.prediction_scores, runs),
-        "**Errors and likelihood of predictions.** A dot per test, a bar at the "
-        "median; left is better.",
-        "Dot plot of NLPD, position and rotation error by policy",
-    )
-    stated = any(test.number("coverage_95") is not None for test in tests)
-    return [calibration] * stated + [errors] * bool(tests)
-
-
 def table_one_section(tests: Results) -> Section:
     """The paper's rows and methods, measured marks, and differences."""
-    standard = by_policy(_first_condition(tests))
+    # The condition with most tests.
+    ran = by_condition(test for test in tests if not test.error)
+    standard = by_policy(next(iter(ran.values()), []))
     foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
     tuned = [f"{policy}-tuned" for policy in TABLE_1]
     blocks: list[Block] = []

@@ -137,8 +137,6 @@ RECORDED_MEASURES: Final = _measures("rest")
 FORCE_MEASURES: Final = _measures("forces")
 COLUMNS: Final[Mapping[str, list[list[str]]]] = _TABLES["columns"]
 """Metrics of the columns of the report's tables of episodes."""
-LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
-"""Measures of learning tests in summaries and plots."""
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
 GroupT = TypeVar("GroupT")
