@@ -19,10 +19,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gplfd_env.spatial.se3 import rotation_distance
-from gplfd_policies import GaussianTrajectory
+from gplfd_policies import POLICIES, GaussianTrajectory
 from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.agents.modes import ModesAgent
+from gplfd_policies.agents.reaching import ReachingAgent
 from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.control.stiffness import VirtualDynamics
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+from gplfd_policies.serving import protocol
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.protocol import (
@@ -374,6 +377,45 @@ def test_a_stop_softens_once_from_the_present_stiffness():
     assert robot.say({"type": "stop"})[-1]["reason"] == "the client said stop"
     robot.wait(0.2)
     assert robot.say({"type": "stop"})[-1]["stiffness"][0] == 100.0
+
+
+def test_every_served_agent_sends_stiffness_and_damping(skill):
+    """Whatever wraps it, also while it reaches, and in every state."""
+    agent = POLICIES["gp"].method.follow(skill)
+    for served in (
+        agent,
+        as_agent(ModesAgent([agent], [1])),
+        ReachingAgent(skill, agent),
+        as_agent(SimpleNamespace(act=lambda _: [0.0] * 6)),
+    ):
+        robot = Robot()
+        robot.session = Session(served, SETTINGS, "x")
+        robot.say(HELLO)
+        robot.say(robot.message("reset"))
+        for command in (robot.step(), robot.wait(0.06)[0], robot.wait(0.6)[-1]):
+            damping = (served.dynamics or DEFAULT_DYNAMICS).damping(
+                np.array(command["stiffness"])
+            )
+            assert command["damping"] == damping.tolist()
+
+
+def test_a_journal_has_a_greatest_size(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(protocol, "LARGEST", 1000)
+    journal = Journal(tmp_path / "journal", {})
+    for _ in range(100):
+        journal.write(0.1, "text", [], 0.0)
+    assert 1000 < (tmp_path / "journal").stat().st_size < 1100
+    assert "the journal ends here: it has 1000 bytes" in capfd.readouterr().err
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a full disk")
+def test_a_full_disk_ends_the_journal_and_not_the_motion(tmp_path, capfd):
+    journal = Journal(tmp_path / "journal", {})
+    journal._file.close()
+    journal._file = os.fdopen(os.open("/dev/full", os.O_WRONLY), "wb", buffering=0)
+    for at in (0.1, 0.2):
+        journal.write(at, "text", [], 0.0)
+    assert capfd.readouterr().err.count("the journal ends here: [Errno 28]") == 1
 
 
 def test_a_command_names_limits_and_has_damping_and_explanation():

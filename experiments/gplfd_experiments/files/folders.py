@@ -31,13 +31,27 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     replaced = target.exists()
     with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
-        written = Path(temporary, target.name)
-        yield written
-        if target.exists():
-            if not replaced:
-                raise ValueError(f"{path} was made meanwhile; give another folder")
-            target.rename(Path(temporary, "replaced"))
-        written.rename(target)
+        root = Path(temporary)
+        written = root / target.name
+        try:
+            yield written
+        except OSError as error:
+            # The error of a full disk has no path, and the temporary one is not
+            # informative.
+            file = error.filename
+            if error.errno is not None and (file is None or str(root) in str(file)):
+                error.filename = str(path)
+            raise
+        if target.exists() and not replaced:
+            raise ValueError(f"{path} was made meanwhile; give another folder")
+        if replaced:
+            target.rename(root / "replaced")
+        try:
+            written.rename(target)
+        except OSError:
+            if (root / "replaced").exists():
+                (root / "replaced").rename(target)
+            raise
 
 
 @contextlib.contextmanager

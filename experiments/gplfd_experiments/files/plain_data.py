@@ -92,7 +92,10 @@ def parsed_json(text: str) -> dict[str, Any]:
     def no_number(name: str) -> float:
         raise ValueError(f"it holds {name}, which is no number of JSON")
 
-    values = json.loads(text, parse_constant=no_number)
+    try:
+        values = json.loads(text, parse_constant=no_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
     if not isinstance(values, dict):
         raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
     return values
