@@ -1,7 +1,6 @@
-"""Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
+"""Doors of DoorBench, schema 1.0 (github.com/adamraudonis/DoorBench, MIT).
 
-Reads hinged, sliding and folding doors of schema 1.0 with a handle that a gripper can
-operate from the robot's side.
+Hinged, sliding and folding doors that a gripper can open from the robot's side.
 """
 
 import math

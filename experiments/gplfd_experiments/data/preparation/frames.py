@@ -1,6 +1,6 @@
-"""Frames of motions and forces: the hand's offset, sensors, door hinges.
+"""Frames of motions and wrenches: the hand's offset, sensors, door hinges.
 
-A wrench is a force and a moment about a point, (f_x, f_y, f_z, m_x, m_y, m_z) [N, N m].
+Wrenches are about a point, (f_x, f_y, f_z, m_x, m_y, m_z) [N, N m].
 """
 
 import itertools

@@ -1,10 +1,7 @@
-"""Readers of motion files: one module for each kind of file, one list of them all.
+"""Readers of motion files, which run in a child process.
 
-The module of a reader has a function ``read(path, settings)`` that returns the motions
-in the order of the file. Any exception means that the file cannot be read.
-
-Files are read in a child process. A damaged or forged file can make a library crash, or
-fill memory, disk or time; it then ends the child alone.
+The module of a kind of file has ``read(path, settings)``, which returns its motions or
+raises any exception. A damaged or forged file can crash the child alone.
 """
 
 import importlib

@@ -1,7 +1,6 @@
 """Motions in arrays (.npz, .npy, .mat up to 7.2), also transposed.
 
-They are columns (N,), those of `tables`, (N, d), or with ``--columns`` (N, C), of K
-motions (K, N, C).
+Columns (N,), those of `tables` (N, d), or ``--columns`` of (N, C) or (K, N, C).
 """
 
 import contextlib

@@ -1,8 +1,7 @@
-"""Bags of ROS 2 and ROS 1: poses, joint states by forward kinematics, and wrenches.
+"""Bags of ROS 2 and ROS 1: poses, transforms ``/tf:child_frame`` and wrenches.
 
-The hand is a topic of poses, transforms (``/tf:child_frame``) or, with a URDF and a
-link, joint states. A topic of WrenchStamped, the only one or ``--wrench``, gives the
-forces. One of several frames or publishers in a topic is selected by ``/hand:frame``.
+Poses may be those of a URDF's link in joint states. ``/hand:frame`` selects one of
+several frames or publishers in a topic.
 """
 
 from collections import defaultdict

@@ -1,8 +1,7 @@
 """Tables in text files: columns by comma, semicolon, tab or spaces.
 
-Lines that begin with ``#`` are comments; an empty cell or ``NA`` is a missing sample.
-Unless commas separate columns, numbers may have decimal commas. Lines before the names
-of columns are skipped, and names in several lines are joined, as in files of Motive.
+Unless commas separate columns, numbers may have decimal commas. Lines of names are
+joined, as in files of Motive.
 """
 
 import csv

@@ -1,8 +1,4 @@
-"""LeRobot data sets, version 3: one motion per episode, from parquet files.
-
-The hand is a feature of the data set, by default ``observation.state``; forces and
-moments are the six numbers of ``observation.force`` or of another feature.
-"""
+"""LeRobot data sets, version 3: one motion per episode, from parquet files."""
 
 import re
 from dataclasses import replace

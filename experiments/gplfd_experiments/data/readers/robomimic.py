@@ -1,8 +1,7 @@
-"""Demonstrations of robomimic in HDF5: one motion per demonstration.
+"""Demonstrations of robomimic in HDF5, one motion each, without time stamps.
 
 The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, or another
-form of its orientation; forces are ``obs/NAME_wrench``. Files have no time stamps; the
-rate is the control frequency of the environment, if the file states it.
+form of its orientation; forces are ``obs/NAME_wrench``.
 """
 
 import json

@@ -1,8 +1,7 @@
 """Columns with names and units, for all kinds of tables.
 
-Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, ``x
-(cm)``, ``y_mm``, ``qw``, ``rx [deg]``. They may follow the name of what moves, as
-``hand.position.x`` does. Other columns are not used.
+Names end with the unit, ``time [ms]``, ``x (cm)``, ``y_mm``, and may follow the name of
+what moves, ``hand.position.x``. Other columns are not used.
 """
 
 import re

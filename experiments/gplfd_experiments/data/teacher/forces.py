@@ -1,8 +1,7 @@
 """Forces of the synthetic human on a handle; method.md has the equations.
 
 Not modelled: damping and inertia of the handle (less than 0.06 N m), friction of the
-bolt, contact with frame and stop, and the weight of the hand. Friction at rest, which
-is undetermined, is zero. Stops carry the springs of a closed door and handle.
+bolt, contact with frame and stop, weight of the hand, and friction at rest.
 """
 
 import dataclasses

@@ -1,11 +1,8 @@
 """A synthetic human who opens doors in a motion-capture suit.
 
-The teacher replaces the recordings of Arduengo et al., *Gaussian-Process-based
-Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
-trajectories of a person in an Xsens MVN suit who opens doors of different radii.
-
-Not modelled: release of the handle, a rotation between the axes of suit and door,
-magnetic disturbance, and habits of a person that persist across demonstrations.
+It replaces the recordings of Arduengo et al., arXiv:2002.09979, Section IV-A. Not
+modelled: release of the handle, a rotation between the axes of suit and door, magnetic
+disturbance, and habits that persist across demonstrations.
 """
 
 import dataclasses

@@ -1,7 +1,6 @@
-"""Writes a commanded path in files for robots: CSV, TUM trajectory, JSON, ROS 2 bag.
+"""Writes a commanded path for robots, bit for bit: CSV, TUM, JSON, ROS 2 bag.
 
-Numbers are read back bit for bit. ``about`` has the entries of JSON besides the
-samples; its entry "frame" contains name and axes of the frame.
+``about`` has the other entries of JSON; its "frame" has name and axes.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,6 @@
 """Demonstrations and episodes as a data set of LeRobot, version 3, without videos.
 
-``observation.state`` is position and quaternion, ``action`` the next state, both in
-float32 as in LeRobot. Pictures are PNG files, LeRobot's kind "image".
+In float32, ``observation.state`` is position and quaternion, ``action`` the next one.
 """
 
 import contextlib
