@@ -121,7 +121,22 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
     """Read a ``spec.json``; raise ValueError for one that a `DoorConfig` cannot be."""
     spec = _Specification(read_json(path), [])
     try:
-        fields = _within(_fields(spec), spec.lost)
+        version, family = spec.at("schema_version", str), spec.at("family", str)
+        if version != "1.0":
+            raise ValueError(f"its schema_version is {version!r}, not '1.0'")
+        if family not in _FAMILIES:
+            raise ValueError(
+                f"its family is {family!r}, none of {', '.join(_FAMILIES)}"
+            )
+        fields = spec.all_at(_LEAF)
+        fields["hinge_side"] = side = spec.at("hinge/side", str)
+        if side not in ("left", "right"):
+            raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
+        fields |= _FAMILIES[family](spec)
+        fields |= _operated(spec, fields)
+        fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
+        spec.lose_all(_LOST)
+        fields = _within(fields, spec.lost)
         arguments: _Fields = {}
         for name, value in fields.items():
             part, _, field = name.rpartition(".")
@@ -130,24 +145,6 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         return ImportedDoor(spec.at("id", str), door, tuple(spec.lost))
     except ValueError as error:
         raise ValueError(f"{path} cannot be imported as a door: {error}") from error
-
-
-def _fields(spec: _Specification) -> _Fields:
-    """Return the fields of a door."""
-    version, family = spec.at("schema_version", str), spec.at("family", str)
-    if version != "1.0":
-        raise ValueError(f"its schema_version is {version!r}, not '1.0'")
-    if family not in _FAMILIES:
-        raise ValueError(f"its family is {family!r}, none of {', '.join(_FAMILIES)}")
-    fields = spec.all_at(_LEAF)
-    fields["hinge_side"] = side = spec.at("hinge/side", str)
-    if side not in ("left", "right"):
-        raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
-    fields |= _FAMILIES[family](spec)
-    fields |= _operated(spec, fields)
-    fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
-    spec.lose_all(_LOST)
-    return fields
 
 
 def _hinged(spec: _Specification) -> _Fields:

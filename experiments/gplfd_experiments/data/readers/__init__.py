@@ -53,8 +53,8 @@ READERS: Final = (
     Reader("a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")),
     Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
     Reader("a MATLAB file", "arrays", (".mat",)),
-    Reader("a recording of Xsens MVN", "mvnx", (".mvnx",)),
-    Reader("a Biovision hierarchy", "bvh", (".bvh",)),
+    Reader("a recording of Xsens MVN", "skeletons", (".mvnx",)),
+    Reader("a Biovision hierarchy", "skeletons", (".bvh",)),
     Reader("a C3D file", "c3d", (".c3d",)),
     Reader("a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
     Reader("demonstrations of robomimic", "robomimic", (".hdf5", ".h5")),
@@ -66,7 +66,7 @@ READERS: Final = (
 _TABLE: Final = ("body", "columns", "time_unit", "angles", "quaternions")
 _OPTIONS: Final = {
     **dict.fromkeys(("csv_tables", "arrays"), _TABLE),
-    **dict.fromkeys(("mvnx", "bvh", "c3d"), ("body",)),
+    **dict.fromkeys(("skeletons", "c3d"), ("body",)),
     "bags": ("body", "urdf", "link", "wrench"),
     "robomimic": ("body", "angles", "wrench"),
     "lerobot": ("body", "columns", "angles", "quaternions", "wrench"),

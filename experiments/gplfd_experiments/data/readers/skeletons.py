@@ -1,12 +1,13 @@
-"""Biovision hierarchies (.bvh): one joint of a skeleton, by its forward kinematics.
+"""Skeletons: a segment of Xsens MVN in XML (.mvnx), a joint of Biovision (.bvh).
 
-The format has no unit of length. Positions in the frames replace a joint's OFFSET.
+A Biovision hierarchy has no unit; positions in its frames replace a joint's OFFSET.
 """
 
 import re
 from itertools import takewhile
 from pathlib import Path
 from typing import Final, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,7 +31,9 @@ class _Joint(NamedTuple):
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motion of a joint; errors of the hierarchy contain the line number."""
+    """Read the motion of a segment or joint; those of a joint are in any unit."""
+    if path.suffix.lower() == ".mvnx":
+        return [_segment_of_mvn(path, settings.body or "RightHand")]
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     hierarchy, _, motion = text.partition("MOTION")
     joints, width = _skeleton(hierarchy)
@@ -53,6 +56,47 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     times = np.asarray(np.arange(count) * period)
     quaternions = rotations.as_quat(scalar_first=True)
     return [RawRecording(f"{path.name}: {body}", positions, None, times, quaternions)]
+
+
+def _segment_of_mvn(path: Path, segment: str) -> RawRecording:
+    """Return the motion of a segment in metres and Xsens' global frame."""
+    rate, labels = 0.0, dict[str, int]()
+    of_body = False  # Gloves have lists of segments of their own.
+    indices: list[int] = []
+    rows: dict[str, list[FloatArray]] = {"position": [], "orientation": []}
+    for event, element in ElementTree.iterparse(path, ("start", "end")):
+        match event, element.tag.rpartition("}")[2]:
+            case "start", "subject":
+                rate = float(element.get("frameRate", 0.0))
+            case _, "segments":
+                of_body = event == "start"
+            case "start", "segment" if of_body:
+                label = element.get("label", "")
+                if label in labels:
+                    raise ValueError(f"two segments have the label {label!r:.40}")
+                labels[label] = len(labels)
+            case "end", "frame":
+                # Frames other than normal ones are poses of the calibration.
+                if element.get("type") == "normal":
+                    _, place = chosen(segment, labels, "segment", file=path.name)
+                    indices.append(int(element.get("index", "")))
+                    for what, width in (("position", 3), ("orientation", 4)):
+                        texts = [c.text or "" for c in element if c.tag.endswith(what)]
+                        numbers = np.array(" ".join(texts).split(), dtype=np.float64)
+                        if numbers.size != len(labels) * width:
+                            raise ValueError(
+                                f"frame {indices[-1]}: {what} has {numbers.size} "
+                                f"numbers, and {len(labels)} segments need "
+                                f"{len(labels) * width}; export both from MVN"
+                            )
+                        rows[what].append(numbers.reshape(-1, width)[place])
+                element.clear()
+    if not indices or not rate > 0.0:
+        raise ValueError("it has no frameRate, or no frame of type normal")
+    positions, quaternions = map(np.array, rows.values())
+    # The times in the file are rounded to milliseconds.
+    times, name = np.array(indices) / rate, f"{path.name}: {segment}"
+    return RawRecording(name, positions, "m", times, quaternions)
 
 
 def _skeleton(hierarchy: str) -> tuple[dict[str, list[_Joint]], int]:
