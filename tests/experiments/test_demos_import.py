@@ -136,7 +136,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(files, monkeypatch, caplog):
         patched.setattr("gplfd_experiments.data.importing.draw", full)
         assert imported("0.csv", "--out", "set") == 2
     (record,) = caplog.records
-    assert "No space left on device" in record.getMessage()
+    assert record.getMessage() == "set: No space left on device"
     assert sorted(Path().rglob("*")) == before
 
 
