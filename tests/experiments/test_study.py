@@ -209,7 +209,7 @@ class Losing:
         try:
             for item in items:
                 lost = any(task.door in self.doors for task in item)
-                end = Lost(reason="it died")
+                end = Lost("it died")
                 yield item, end if lost else work(item)
         finally:
             self.closed = True

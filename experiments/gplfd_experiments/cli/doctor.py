@@ -78,12 +78,8 @@ def examined() -> dict[str, Any]:
         )
     rows = [("pictures", 'render_mode="rgb_array"', bool(renderer), remark)]
     display = has_display(sys.platform, os.environ)
-    remark = "there is a display"
-    if not display:
-        remark = (
-            "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to a "
-            "machine with a screen"
-        )
+    absent = "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to a"
+    remark = "there is a display" if display else f"{absent} machine with a screen"
     rows.append(("windows", 'render_mode="human", gplfd view', display, remark))
     try:
         rows.append(("viewer", "gplfd view", True, viewer()))
@@ -192,7 +188,5 @@ def catalogue() -> dict[str, Mapping[str, str]]:
 
 
 def _policies(kind: str) -> dict[str, str]:
-    kept = {name: POLICIES[name] for name in sorted(POLICIES)}
-    return {
-        name: policy.summary for name, policy in kept.items() if policy.kind == kind
-    }
+    names = sorted(name for name in POLICIES if POLICIES[name].kind == kind)
+    return {name: POLICIES[name].summary for name in names}

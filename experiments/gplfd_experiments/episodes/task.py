@@ -38,12 +38,6 @@ def omit_default(default: Any) -> Any:
     return field(default=default, metadata={"omitted": default})
 
 
-def definition_hash(definition: Mapping[str, Any]) -> str:
-    """Return the hash of a definition, which names its result file."""
-    text = json.dumps(definition, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
 _DEMONSTRATED_BY: Final = (
     *("seed", "demonstrations_per_door", "teacher", "demonstrated_radii"),
     *("demonstrated_kind", "demonstrated_hardware", "habits", "demonstrated_forces"),
@@ -93,8 +87,9 @@ class Task:
 
     @property
     def key(self) -> str:
-        """Hash of the definition."""
-        return definition_hash(self.definition)
+        """Hash of the definition, which names its result file."""
+        text = json.dumps(self.definition, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -229,7 +224,16 @@ def named_doors(
     body = robot_named(robot)
     for door in doors:
         if door.endswith(".json"):
-            name, config = _door_of_file(Path(door))
+            name = Path(door).stem
+            if name in DOORS:
+                raise ValueError(
+                    f"{door}: {name} is the name of a door already; give the file "
+                    "another"
+                )
+            try:
+                config = door_config(read_json(Path(door)))
+            except (ValueError, TypeError) as error:
+                raise ValueError(f"{door} holds no door: {error}") from error
         else:
             try:
                 radius = float(door)
@@ -242,14 +246,3 @@ def named_doors(
         check_reach(config, body.on(base_for(config, body)), start)
         configs[name] = config
     return configs
-
-
-def _door_of_file(path: Path) -> tuple[str, DoorConfig]:
-    if path.stem in DOORS:
-        raise ValueError(
-            f"{path}: {path.stem} is the name of a door already; give the file another"
-        )
-    try:
-        return path.stem, door_config(read_json(path))
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} holds no door: {error}") from error

@@ -28,12 +28,10 @@ ResultT = TypeVar("ResultT")
 EngineName = Literal["loky", "serial", "dask"]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Lost:
-    """Result of an engine for an item that no worker finished."""
+class Lost(str):
+    """Result of an engine for an item that no worker finished: why, in a sentence."""
 
-    reason: str
-    """Reason, in a sentence."""
+    __slots__ = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,7 +100,7 @@ class Engine:
                             raise
                         # The work never raises: a worker died or cannot import it.
                         except Exception as error:
-                            lost.append((item, Lost(reason=_reason(error))))
+                            lost.append((item, Lost(_reason(error))))
                             continue
                         for text in texts:
                             # Those of other seeds differ in numbers only.

@@ -106,7 +106,7 @@ def run_study(
                 if not isinstance(outcome, Lost):
                     results = outcome
                 elif len(job) == 1:
-                    results = [failed(job[0], outcome.reason, lost=True)]
+                    results = [failed(job[0], str(outcome), lost=True)]
                 else:  # One task may have ended the worker of all.
                     alone += [(task,) for task in job]
                     continue

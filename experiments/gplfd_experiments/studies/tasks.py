@@ -155,14 +155,6 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
         settings.doors, start=settings.start, robot=settings.robot
     ).values()
     furniture = any(door.kind == DoorConfig().kind for door in doors)
-    tests = list(
-        itertools.product(
-            settings.demonstrations_per_door,
-            settings.teacher_noise,
-            [policy for policy in settings.policies if chosen(policy).learns],
-            HELD_OUT if settings.skill and furniture else (),
-        )
-    )
     study: list[Task] = []
     for seed in range(settings.seeds):
         for condition in conditions(settings):
@@ -176,28 +168,33 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
                 demonstrated_forces=settings.demonstrated_forces,
                 held_out=left_out,
             )
-            for number, noise, policy, left_out in tests
+            for number, noise, policy, left_out in itertools.product(
+                settings.demonstrations_per_door,
+                settings.teacher_noise,
+                [policy for policy in settings.policies if chosen(policy).learns],
+                HELD_OUT if settings.skill and furniture else (),
+            )
         ]
     return tuple(study)
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
     """Yield the conditions of a study."""
-    shared = ("start", "robot", "demonstrated_forces")
-    fields: dict[str, Any] = {name: getattr(settings, name) for name in shared}
-    varied = (
-        "demonstrations_per_door",
-        "teacher_noise",
-        "randomization",
-        "disturbance",
-    )
-    for values in itertools.product(
+    for number, noise, randomization, disturbance in itertools.product(
         settings.demonstrations_per_door,
         settings.teacher_noise,
         settings.randomizations,
         settings.disturbances,
     ):
-        yield Condition(**fields | dict(zip(varied, values, strict=True)))
+        yield Condition(
+            demonstrations_per_door=number,
+            teacher_noise=noise,
+            randomization=randomization,
+            disturbance=disturbance,
+            start=settings.start,
+            demonstrated_forces=settings.demonstrated_forces,
+            robot=settings.robot,
+        )
 
 
 def episodes(

@@ -339,9 +339,7 @@ def trial_sections(results: StudyResults, reference: str) -> list[Section]:
 def ideas_table(answers: Mapping[str, Sequence[Answer]]) -> Table:
     """Return a row per contrast: the difference, its changed doors, and the result."""
     rows = []
-    for trial, answer in (
-        (n, answer) for n, group in answers.items() for answer in group
-    ):
+    for trial, answer in ((n, a) for n, group in answers.items() for a in group):
         measure, shift = MEASURES[answer.contrast.measure], answer.shift
         sides = f"{answer.contrast.having} : {answer.contrast.lacking}"
         difference, result = "–", "no value in common"
@@ -375,7 +373,6 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     """Return a trial's question, and its numbers in a table and a plot."""
     trial, deciding = TRIALS[name], MEASURES[TRIALS[name].measures[0]]
     runs, title = ordered(trial, levels), deciding.title
-    episodes = [e for runs in levels.values() for group in runs.values() for e in group]
     blocks: list[Block] = [
         Text(trial.question),
         trial_table(trial, runs),
@@ -383,14 +380,14 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
             f"trial_{name}",
             partial(plots.deciding_numbers, runs, deciding.metric, reference),
             f"**{title[0].upper()}{title[1:]}** decides this trial ({deciding.better} "
-            "is better). A pale dot per seed, larger where several are equal; a mark "
-            "at the share or the typical value, a line through its 95 % interval.",
+            "is better). A pale dot per seed; a mark at the share or the typical "
+            "value, a line through its 95 % interval.",
             f"{title}, a row per policy",
         ),
     ]
     corrected = {title for title, level in trial.levels.items() if level.corrections}
     able = {p for level in corrected for p in levels.get(level, {})}
-    unable = sorted({episode.policy for episode in episodes} - able)
+    unable = sorted({policy for runs in levels.values() for policy in runs} - able)
     if corrected and unable:
         blocks.append(Text(f"Cannot be corrected: {', '.join(map(code, unable))}."))
     return Section(f"Trial: {name}", blocks)
@@ -410,8 +407,8 @@ def ordered(trial: Trial, levels: ByLevel) -> dict[str, Runs]:
         for name in trial.measures:
             typical = summary(episodes, name)
             value = math.nan if typical is None else typical.estimate
-            worst = math.isnan(value)
-            ranks.append(math.inf if worst else -MEASURES[name].sign * value)
+            value *= -MEASURES[name].sign
+            ranks.append(math.inf if math.isnan(value) else value)
         return ranks
 
     return {

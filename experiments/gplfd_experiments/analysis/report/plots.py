@@ -202,20 +202,14 @@ def deciding_numbers(
         for row, (policy, episodes) in enumerate(runs.items()):
             estimate = summary(episodes, measure)
             if estimate is None:
-                where = axes.get_yaxis_transform()
-                axes.text(
-                    0.01, row, "no number", transform=where, fontsize=6.0, **_TEXT
-                )
+                look: Look = {"transform": axes.get_yaxis_transform(), **_TEXT}
+                axes.text(0.01, row, "no number", fontsize=6.0, **look)
             else:
                 _, mark = _KINDS[kind_of(policy)]
                 means = MEASURES[measure].seed_means(episodes)
                 values += means
-                places, counts = np.unique(means, return_counts=True)
-                for count in np.unique(counts):
-                    here = places[counts == count]
-                    # Larger where several seeds are equal [pt].
-                    dot = {"ms": 2.4 * math.sqrt(count), "color": mark["color"]}
-                    axes.plot(here, np.full(here.size, row), "o", **{**_DOTS, **dot})
+                dots: Look = {"marker": "o", "ms": 2.4, "color": mark["color"]}
+                axes.plot(means, [row] * len(means), **dots, **_DOTS)
                 _point(axes, row, estimate, mark)
             if policy == reference:
                 axes.get_yticklabels()[row].set(color=style.ADAPTED, weight="bold")

@@ -192,10 +192,7 @@ def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
 
 def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
     """Return by policy the results that count, as `TaskResult.counts` says."""
-    return {
-        policy: [result for result in group if result.counts]
-        for policy, group in results.items()
-    }
+    return {name: [r for r in group if r.counts] for name, group in results.items()}
 
 
 def door_name(episode: EpisodeResult) -> str:
@@ -279,15 +276,14 @@ def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
     return rows
 
 
-def _metric_text(measure: Measure, row: Mapping[str, Any]) -> str:
-    return measure.text(row[measure.metric])
-
-
 def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of `study_rows`, grouped if there are several kinds of doors."""
 
+    def text(measure: Measure, row: Mapping[str, Any]) -> str:
+        return measure.text(row[measure.metric])
+
     def texts(measures: Iterable[Measure]) -> dict[str, _Cell]:
-        return {m.column: partial(_metric_text, m) for m in measures}
+        return {measure.column: partial(text, measure) for measure in measures}
 
     columns: dict[str, _Cell] = {
         "policy": itemgetter("policy"),
@@ -321,8 +317,7 @@ def remarks(results: Sequence[EpisodeResult]) -> list[str]:
     )
     texts = []
     for which, text in ((False, failed), (True, lost)):
-        some = [result for result in results if result.error and result.lost == which]
-        if some:
+        if some := [r for r in results if r.error and r.lost == which]:
             groups = by_policy(some).items()
             numbers = ", ".join(f"{name} {len(group)}" for name, group in groups)
             texts.append(f"{len(some)} of {len(results)} episodes {text}: {numbers}.")
@@ -337,9 +332,8 @@ def run_table(metrics: Sequence[Mapping[str, Any]]) -> Table:
     any_closed = not all(episode["success"] for episode in metrics)
     rows = []
     for episode in metrics:
-        cells = {"door": episode["door"], "opened": "no"}
-        if episode["success"]:
-            cells["opened"] = "yes"
+        opened = "yes" if episode["success"] else "no"
+        cells = {"door": episode["door"], "opened": opened}
         for measure in _OF_RUN:
             value = episode.get(measure.metric)
             number = None if value is None else measure.convert(value)

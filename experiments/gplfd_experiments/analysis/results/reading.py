@@ -295,9 +295,8 @@ def _condition(task: TaughtTask) -> Condition:
     noise = TeacherConfig(**task.teacher).wobble_position_std
     shared: dict[str, Any] = {"randomization": "none"}
     for field in fields(Condition):
-        value = getattr(task, field.name, None)
-        if value is not None:
-            plain = not isinstance(value, Mapping)
-            shared[field.name] = value if plain else json.dumps(value)
+        if (value := getattr(task, field.name, None)) is not None:
+            of_file = isinstance(value, Mapping)
+            shared[field.name] = json.dumps(value) if of_file else value
     ratio = round(noise / TeacherConfig().wobble_position_std, 6)
     return Condition(teacher_noise=ratio, **shared)

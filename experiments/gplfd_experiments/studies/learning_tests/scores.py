@@ -8,7 +8,7 @@ synthetic human, `recorded_metrics` one of the user's motion files. Both return:
   left-out motion, over the outputs that move
 * ``spread_followed``: correlation of std and the learned demonstrations' spread
 * ``log_dimensionless_jerk``: of the mean, larger is smoother
-* ``via_...``: see `adaptation` in the module ``via_points``
+* ``via_...``: see `adaptation`
 * ``cpu_fit_s``, ``cpu_predict_s``, ``cpu_adapt_s``: CPU time to align, learn and
   predict once; for 200 phases; for a via-point of those of the first 30 %
 * with demonstrated forces, ``force_error_n`` (rms [N]), ``force_nlpd`` (N and N m) and
@@ -184,10 +184,9 @@ def _rest_scores(name: str, rest: GaussianTrajectory, left_out: OnPhases) -> Sco
 
 
 class Forecast(NamedTuple):
-    """Forecast of an agent for the whole task, on `GRID`."""
+    """Forecast for the whole task, on `GRID`, at an estimated phase of the hand."""
 
     phase: float
-    """Estimated phase of the hand."""
     trajectory: GaussianTrajectory
 
 
@@ -311,10 +310,7 @@ def method_metrics(
     scores: list[Mapping[str, float | None]] = []
     for fold in every:
         movement, cpu_s = learn(method, fold.training, seed)
-        left_out = [
-            aligned_to(demonstration, movement.aligned)
-            for demonstration in fold.left_out
-        ]
+        left_out = [aligned_to(whole, movement.aligned) for whole in fold.left_out]
         shared = {
             **adaptation(method, movement, left_out),
             **_movement_scores(movement),
@@ -455,10 +451,8 @@ def prior_mean_used(
     )
     informed, _ = learn(method, demonstrations, seed, prior)
     without = plain.predict(_REMOTE).mean
-    moved, whole = (
-        informed.predict(_REMOTE).mean - without,
-        prior.mean(_REMOTE) - without,
-    )
+    moved = informed.predict(_REMOTE).mean - without
+    whole = prior.mean(_REMOTE) - without
     share = float(np.sum(moved * whole) / np.sum(whole**2))
     return min(max(share, 0.0), 1.0)
 
@@ -511,11 +505,9 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
         # All start at the same pose, as in demonstrations in a task frame.
         wobble = smooth_functions(_CLOCK, _CORRELATION, 5, rng)
         wobble *= np.minimum(1.0, 10.0 * _CLOCK)[:, None]
-        positions = np.zeros((_CLOCK.size, 3))
-        # Equal lengths [m], so that the clocks agree.
-        positions[:, 0] = _CLOCK
-        positions[:, 1] = 0.01 * wobble[:, 0]
-        positions[:, 2] = _spread(_CLOCK) * wobble[:, 1]
+        # Equal lengths along x [m], so that the clocks agree.
+        y, z = 0.01 * wobble[:, 0], _spread(_CLOCK) * wobble[:, 1]
+        positions = np.column_stack([_CLOCK, y, z])
         turn = Rotation.from_rotvec(TUMBLE_STD * wobble[:, 2:])
         turned = (tumbled_rotations(_CLOCK) * turn).as_quat()
         whole = Demonstration.from_quaternions(_CLOCK, positions, turned, order="xyzw")
@@ -530,7 +522,6 @@ def _excess(movement: Movement, seed: int) -> float | None:
     rng = np.random.default_rng([seed, 1])
     wobble = smooth_functions(_JUDGED, _CORRELATION, 100, rng)
     std = _spread(_JUDGED)[:, None]
-    drawn = std * wobble
-    predicted = movement.predict(_JUDGED)
+    drawn, predicted = std * wobble, movement.predict(_JUDGED)
     got = norm.logpdf(drawn, predicted.mean[:, [2]], predicted.std[:, [2]])
     return none_if_nan(float(np.mean(norm.logpdf(drawn, 0.0, std)) - np.mean(got)))

@@ -151,9 +151,6 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = {
 """The parts by name. "ideas" decides its contrasts as the whole protocol does. "small",
 with the fewest seeds that give an interval, is a first look at strong contrasts."""
 
-CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
-"""`gp` at constant stiffnesses."""
-
 _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
     "via-points": ("gp-fixed",),
     "size and phase together": ("gp-one-size",),
@@ -162,7 +159,7 @@ _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
     "task variability": ("gp-homoscedastic",),
     "heteroscedastic noise": ("gp-homoscedastic",),
     "rotations": ("gp-position-only",),
-    "variable stiffness": CONSTANT,
+    "variable stiffness": ("gp-constant-100", "gp-constant-500"),
     "learned load": ("gp-carried-load",),
     "demonstrated forces": ("gp-without-forces",),
     "damping for contact": ("gp-undamped",),
@@ -293,11 +290,10 @@ def trial_tasks(
         every = dict.fromkeys(only or competing)
         for policy, (title, level) in itertools.product(every, trial.levels.items()):
             rivals = [chosen(rival) for rival in only or (policy,)]
-            if level.prior_radius is not None and not all(
-                rival.accepts_prior_mean for rival in rivals
+            informed = level.prior_radius is not None
+            if (informed and not all(rival.accepts_prior_mean for rival in rivals)) or (
+                level.corrections and not all(rival.correctable for rival in rivals)
             ):
-                continue
-            if level.corrections and not all(rival.correctable for rival in rivals):
                 continue
             opened = doors[name, title]
             fields: dict[str, Any] = {field: getattr(level, field) for field in _PLAIN}
