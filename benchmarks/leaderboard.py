@@ -18,8 +18,7 @@ from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TIERS, TRIALS
 
-PROTOCOL: Final = 9
-"""Protocol of the stored results."""
+PROTOCOL: Final = 9  # of the stored results
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 GROUPS: Final[Mapping[str, Sequence[str]]] = {
     **{f"Tier {tier}": names for tier, names in TIERS.items()},
@@ -30,8 +29,7 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
     ],
 }
 """Trials of each table by its title."""
-_UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
-"""Policies that learn nothing."""
+_UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")  # They learn nothing.
 
 Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
@@ -136,11 +134,10 @@ def overview(answers: Answers) -> Table:
         for policy, numbers in standings(answers, names).items():
             shares.setdefault(policy, {})[tier] = succeeded(numbers)
 
-    def order(policy: str) -> tuple[int, float, str]:
-        return -len(shares[policy]), -fmean(shares[policy].values()), policy
-
     rows = []
-    for policy in sorted(shares, key=order):
+    for policy in sorted(
+        shares, key=lambda p: (-len(shares[p]), -fmean(shares[p].values()), p)
+    ):
         if len(tiers := shares[policy]) >= 2:
             cells = [f"{tiers[tier]:.2f}" if tier in tiers else "–" for tier in TIERS]
             rows.append((titled(policy), *cells))

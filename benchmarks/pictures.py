@@ -40,8 +40,7 @@ from gplfd_policies.arrays.storage import complete_or_absent
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _IMAGES: Final = Path("docs/images")
-_PAUSE: Final = 1000
-"""Duration of the last frame of an animation [ms]."""
+_PAUSE: Final = 1000  # Duration of the last frame of an animation [ms].
 
 
 def model_of(task: EpisodeTask) -> mujoco.MjModel:
@@ -85,11 +84,9 @@ def write_gif(
 
 _COLUMNS, _FRAME, _SHADES = 3, 12, 256
 """Columns of the gallery; control periods per frame and colours of an animation."""
-_BAR: Final = 20
-"""Height of a line of text [px]."""
+_BAR: Final = 20  # Height of a line of text [px].
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)
-_MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
-"""The doors of the animations."""
+_ANIMATED: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 
 
 def overviews(
@@ -102,8 +99,7 @@ def overviews(
     if not log.success:
         raise RuntimeError(f"{task.door}: {log.failure or 'not opened'}")
     model, size = model_of(task), (2 * width, 3 * width // 2)
-    camera = Camera(model, *size, "overview", effects=True)
-    with contextlib.closing(camera):
+    with contextlib.closing(Camera(model, *size, "overview", effects=True)) as camera:
         return [
             Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
             for _, data in states(log, model, rows)
@@ -138,10 +134,10 @@ def gallery() -> None:
     width, scenes = 400, _SHOWN["gallery"]
     images = [lettered(pictured(scene, width), scene["title"]) for scene in scenes]
     firsts = range(0, len(images), _COLUMNS)
-    rows = [np.hstack(images[first : first + _COLUMNS]) for first in firsts]
+    rows = [np.hstack([*map(np.asarray, images[n : n + _COLUMNS])]) for n in firsts]
     with complete_or_absent(_IMAGES / "gallery.png") as temporary:
         Image.fromarray(np.vstack(rows)).save(temporary, format="PNG")
-    for name, door in _MOVING.items():
+    for name, door in _ANIMATED.items():
         task = episode_task(door, DOORS[door], policy="gp", seed=0, base="mobile")
         log = episode_log(task)
         last = log.times.size - 1
@@ -161,25 +157,21 @@ _NAMES: Final = {
 """Names of the arrays of a log that films show."""
 _EVERY, _PERIOD, _LONGEST = 0.2, 0.1, 9.4
 """Simulated and displayed time of a frame, and the longest simulated time [s]."""
-_COLOURS: Final = 128
 _BLUE, _RED = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
 _OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
+# Height of lines above the hand, so that nothing hides them [m].
 _ABOVE: Final = np.array([0.0, 0.0, 1.6])
-"""Height of lines above the hand, so that nothing hides them [m]."""
-_BALL: Final = 0.012
-"""Radius of the ball at 1 N; it grows with the root of the force [m]."""
+_BALL: Final = 0.012  # Radius at 1 N [m]; it grows with the root of the force.
 
 
 def task_of(name: str) -> EpisodeTask:
     """Return the episode of `gp` that is shown for a trial."""
     film = _SHOWN["films"][name]
-    (task,) = (
-        task
-        for task in trial_tasks(named_trials((name,)), part="small")
-        if (task.policy, task.seed) == ("gp", 0)
-        and (task.door, task.level) == (film["door"], film["level"])
-    )
-    return task
+    wanted = "gp", 0, film["door"], film["level"]
+    for task in trial_tasks(named_trials((name,)), part="small"):
+        if (task.policy, task.seed, task.door, task.level) == wanted:
+            return task
+    raise ValueError(f"{name} has no such episode of gp: {wanted}")
 
 
 def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
@@ -243,7 +235,7 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
             )
             image = Image.fromarray(renderer.render())
             pages.append(lettered(image, f"{name}: {film['text']}", below))
-    write_gif(path, pages, _PERIOD, _COLOURS)
+    write_gif(path, pages, _PERIOD, colours=128)
 
 
 def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
@@ -255,7 +247,6 @@ def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
 
 # --- Every door --------------------------------------------------------------
 
-_COMPARED: Final = ("gp", "gp-paper")
 _FORMAT: Final = VideoFormat(
     size=(256, 192),
     rate=10,
@@ -263,8 +254,6 @@ _FORMAT: Final = VideoFormat(
     encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
 )
 """Format of the videos: about 10 kB each."""
-_TABLE: Final = "(?s)(?<=<!-- every door: begin -->).*(?=<!-- every door: end -->)"
-"""Expression of the table between two lines of the page."""
 
 
 def doors() -> None:
@@ -272,11 +261,10 @@ def doors() -> None:
     page = _IMAGES.parent / "gallery.md"
     folder = page.parent / "episodes"
     folder.mkdir(exist_ok=True)
-    rows = [f"| door | {' | '.join(f'`{name}`' for name in _COMPARED)} |"]
-    rows.append("|---" * (len(_COMPARED) + 1) + "|")
+    rows = ["| door | `gp` | `gp-paper` |", "|---|---|---|"]
     for door, config in named_doors(tuple(DOORS)).items():
         cells = [door]
-        for policy in _COMPARED:
+        for policy in ("gp", "gp-paper"):
             task = episode_task(door, config, policy=policy, seed=0)
             log = episode_log(task)
             name = f"{door}-{policy}.mp4"
@@ -287,11 +275,9 @@ def doors() -> None:
             text = f"{outcome}, {angle}° in {log.times[-1]:.1f} s, {peak:.0f} N"
             cells.append(f"[{text}](episodes/{name})")
         rows.append(f"| {' | '.join(cells)} |")
+    old = "(?s)(?<=<!-- every door: begin -->).*(?=<!-- every door: end -->)"
     table = "\n".join(["\n", *rows, "\n"])
-    page.write_text(re.sub(_TABLE, lambda _: table, page.read_text()))
-
-
-# --- Recordings --------------------------------------------------------------
+    page.write_text(re.sub(old, lambda _: table, page.read_text()))
 
 
 def screenshot(recording: Path, size: str, at: float, out: Path) -> None:

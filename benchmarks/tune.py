@@ -23,33 +23,20 @@ import optuna
 from scipy.stats import rankdata
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_experiments.episodes.build import (
-    demonstrations_of,
-    learned_agents,
-    open_together,
-)
+from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
-from gplfd_experiments.studies.learning_tests.folds import (
-    aligned_to,
-    by_door,
-    folds,
-    learn,
-)
+from gplfd_experiments.studies.learning_tests import folds
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
 from gplfd_policies.registry.built_in import SPACES, Values, tuned, tuned_settings
 
-EVALUATIONS: Final = 24
-"""Candidates per method; the first has the published settings."""
+EVALUATIONS: Final = 24  # per method; the first has the published settings
 SEEDS: Final = (1000, 1001, 1002)
-RADII: Final = (0.38, 0.46, 0.54)
-"""Of the doors to open [m]."""
-PER_DOOR: Final = 2
-"""Number of demonstrations at each demonstrated door."""
-WORST: Final = 1e100
-"""Number of a candidate that raises an error or predicts no density."""
+RADII: Final = (0.38, 0.46, 0.54)  # of the doors to open [m]
+PER_DOOR: Final = 2  # demonstrations at each demonstrated door
+WORST: Final = 1e100  # for a candidate that raises an error or predicts no density
 
 
 def proposed(policy: str, trial: optuna.Trial) -> Values:
@@ -78,17 +65,18 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
             episode_task(f"{radius:g}", DoorConfig(radius=radius), **shared)
             for radius in RADII
         ]
-        demonstrations = demonstrations_of(doors[0]).demonstrations
-        for fold in folds(by_door(demonstrations, PER_DOOR), "demonstration", seed):
-            movement, _ = learn(candidate.method, fold.training, seed)
+        demonstrations = build.demonstrations_of(doors[0]).demonstrations
+        doors_shown = folds.by_door(demonstrations, PER_DOOR)
+        for fold in folds.folds(doors_shown, "demonstration", seed):
+            movement, _ = folds.learn(candidate.method, fold.training, seed)
             for demonstration in fold.left_out:
-                left_out = aligned_to(demonstration, movement.aligned)
+                left_out = folds.aligned_to(demonstration, movement.aligned)
                 nlpd = prediction_scores(movement, left_out)["nlpd"]
                 densities.append(WORST if nlpd is None else nlpd)
-        make = learned_agents(doors[0], candidate)
+        make = build.learned_agents(doors[0], candidate)
         tasks += doors
         agents += [make() for _ in doors]
-    metrics = [episode_metrics(log) for log in open_together(tasks, agents)]
+    metrics = [episode_metrics(log) for log in build.open_together(tasks, agents)]
     closed = sum(not episode["success"] for episode in metrics)
     force = statistics.median(episode["force_radial_peak"] for episode in metrics)
     return float(np.mean(densities)), float(closed), force
@@ -110,7 +98,6 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
             study.enqueue_trial(dict(SPACES[policy].published))
         done = sum(trial.state.is_finished() for trial in study.trials)
         with warnings.catch_warnings():
-            # Their effect is measured.
             warnings.simplefilter("ignore", UserWarning)
             study.optimize(
                 lambda trial, policy=policy: objective(policy, trial),
@@ -126,10 +113,8 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
             name: {"settings": study.trials[k].params, "values": values[k]}
             for name, k in (("published", 0), ("tuned", best))
         }
-    present = {
-        name: {"tuned": {"settings": dict(values)}}
-        for name, values in tuned_settings().items()
-    }
+    stored = tuned_settings().items()
+    present = {name: {"tuned": {"settings": dict(values)}} for name, values in stored}
     write_json(folder / "tuned.json", provenance({}) | {"policies": present | results})
     print(json.dumps(results, indent=1))
 

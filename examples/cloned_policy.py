@@ -1,8 +1,7 @@
 """A small network that imitates the policy `gp`, evaluated like the policies.
 
-The network has the observation of ``gplfd/DoorOpeningRL-v1``, one vector, and its
-action, a set-point relative to the hand. It learns from episodes in which `gp`, which
-learned from a few demonstrations, opens doors with small random differences.
+Observation and action are those of ``gplfd/DoorOpeningRL-v1``. The network learns from
+episodes in which `gp` opens doors with small random differences.
 
     gplfd run --policy examples/cloned_policy.py:make
     gplfd benchmark --config small --policies gp examples/cloned_policy.py:make

@@ -88,8 +88,7 @@ class Denoiser(nn.Module):
             noise = (chunk - signal.sqrt() * clean) / (1.0 - signal).sqrt()
             chunk = kept.sqrt() * clean + (1.0 - kept).sqrt() * noise
         centre, scale = self.scales["chunk"]
-        chunk = centre + scale * chunk
-        return chunk.reshape(CHUNK, 6).numpy().astype(float)
+        return (centre + scale * chunk).reshape(CHUNK, 6).numpy().astype(float)
 
 
 def lessons(demonstrations):

@@ -6,18 +6,18 @@
 NOT TRIED ON HARDWARE: it was only tested with a mock of rclpy. Read
 docs/skill-to-robot.md and its checklist first.
 
-The node publishes the inputs of the Cartesian controller of crisp_controllers:
-set-points on target_pose (geometry_msgs/PoseStamped) and stiffnesses on
-target_stiffness (std_msgs/Float64MultiArray, six numbers). It begins when current_pose
-is at the first set-point, and plays one sample per tick until the demonstrations end.
-It stops permanently if the hand leaves the path or its pose is no longer received. The
-controller then holds the last set-point with the last stiffness.
+The node publishes set-points on target_pose and six stiffnesses on target_stiffness. It
+begins when current_pose is at the first set-point, and plays one sample per tick until
+the demonstrations end. It stops permanently if the hand leaves the path or its pose is
+no longer received. The controller then holds the last set-point with the last
+stiffness.
 """
 
 import argparse
 import json
 import math
 import operator
+from pathlib import Path
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
@@ -64,9 +64,8 @@ class Player(Node):
                 log.warn(f"waiting: the hand is {away:.3f} m, {angle:.3f} rad away")
                 return
         elif away > LARGEST_ERROR or self.silent > LONGEST_SILENCE:
-            log.error(
-                f"stopped: the hand was {away:.3f} m away {self.silent:.3f} s ago"
-            )
+            seen = f"{away:.3f} m away {self.silent:.3f} s ago"
+            log.error(f"stopped: the hand was {seen}")
             raise SystemExit(1)
         self.silent += self.period
         # One sample per tick: a late timer makes the motion slower, not less stable.
@@ -89,8 +88,7 @@ if __name__ == "__main__":
     parser.add_argument("file", help="JSON file of gplfd export --frame")
     parser.add_argument("--whole", action="store_true", help="beyond demonstrations")
     arguments = parser.parse_args()
-    with open(arguments.file, encoding="utf-8") as file:
-        table = json.load(file)
+    table = json.loads(Path(arguments.file).read_text(encoding="utf-8"))
     if table["frame"]["name"] != "base":
         parser.error(f"{arguments.file} is in the task frame; export it with --frame")
     rclpy.init()

@@ -41,11 +41,11 @@ def test_times_are_per_operation_and_without_preparation(monkeypatch):
 
 
 def test_environment_agents_and_vectors_are_measured():
-    rows = [*speed.vectors(1, counts=(2,)), *speed.agents(1, counts=(2,), periods=4)]
+    rows = [*speed.vectors(1, counts=(2,)), *speed.agents(1, count=2, periods=4)]
     values = {what: float(measured.split()[0]) for what, measured in rows}
     assert min(values.values()) > 0.0
     assert "2 simulations on 2 threads, CPU over mj_step" in values
-    assert "2 `gp` agents in lockstep, a control step" in values
+    assert "2 `gp` agents in lockstep" in values
 
 
 @pytest.mark.parametrize("trial", TRIALS)
