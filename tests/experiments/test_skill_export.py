@@ -161,7 +161,7 @@ def test_bad_options_are_refused_before_anything_is_written(
 
 
 BEYOND = {
-    "--frame=0.6,-0.1,1,0,0,0,1": (
+    "--robot panda-like --frame=0.6,-0.1,1,0,0,0,1": (
         "at 0.00 s the angle between y of --frame and up is 90 deg; 0 to 2 deg is"
     ),
     "--linear-speed 0.1": r"at 2.\d+ s the set-point's speed is 0.19.* 0 to 0.1 m/s is",

@@ -211,6 +211,12 @@ def dry_run(
     None for the robot's own stance. ValueError: the arm does not reach the path.
     """
     limits = limits or OperatorLimits()
+    task = np.zeros(6)
+    if frame is not None:
+        task = np.array([*frame[:3], *rotvecs_from_quaternions((frame[3:],))[0]])
+    if tilt_of(task[3:]) > UPRIGHT:
+        # No arm stands at such a frame; `export_skill` says so.
+        return DryRun({}, np.empty((0, 3)), [])
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
@@ -220,7 +226,6 @@ def dry_run(
     else:
         if not body.stand:
             config = replace(config, handle_height=float(frame[2]))
-        task = np.array([*frame[:3], *rotvecs_from_quaternions((frame[3:],))[0]])
         until = learned.aligned.end * learned.aligned.duration
         some = np.flatnonzero(path.times <= until)[::_APART]
         body = at_frame(body, config, task, path.path[some], path.times[some])
