@@ -18,8 +18,7 @@ from gplfd_experiments.recording.parts import (
     TITLES,
     bolt_states,
     disturbance_chunks,
-    events,
-    kinds_of,
+    disturbances,
     mechanism_of,
 )
 from gplfd_experiments.recording.stream import frames
@@ -184,16 +183,17 @@ def test_a_ball_stands_above_the_hand_while_something_acts(make_log, outside):
 
 def test_beginning_and_end_are_told(make_log, outside):
     log = make_log(person_force=held(33.0) + held(20.0, 500, 700))
-    assert events(log, "person") == [
-        (200, KINDS["person"].begins),
-        (450, f"{KINDS['person'].ends}: 33 N at most"),
-        (500, KINDS["person"].begins),
+    times, texts = outside(log)["/outside/log/person", "TextLog:text"]
+    assert texts == [
+        [KINDS["person"].begins],
+        [f"{KINDS['person'].ends}: 33 N at most"],
+        [KINDS["person"].begins],
     ]
-    assert outside(log)["/outside/log/person", "TextLog:text"][1][1] == [
-        "the person lets go: 33 N at most"
-    ]
-    (_, _), (row, text) = events(make_log(base_shift=SHIFT), "bump")
-    assert (row, text) == (220, "the base stops: 12 mm at most")
+    np.testing.assert_allclose(times, log.times[[200, 450, 500]])
+    log = make_log(base_shift=SHIFT)
+    times, texts = outside(log)["/outside/log/bump", "TextLog:text"]
+    assert texts[1] == ["the base stops: 12 mm at most"]
+    assert times[1] == pytest.approx(log.times[220])
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_policy_without_uncertainty_has_no_empty_panel(titles_of):
 
 def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
     plain, disturbed = (
-        titles_of(layout(kinds_of(log)))
+        titles_of(layout([*disturbances(log)]))
         for log in (make_log(), make_log(person_force=held(33.0)))
     )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}

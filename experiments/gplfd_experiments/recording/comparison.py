@@ -90,29 +90,25 @@ def _chunks(
     demonstrations: Sequence[Demonstration],
 ) -> Iterator[Chunk]:
     """Return the page, the common door, and each policy's robot and curves."""
-    first, rows = logs[0], []
+    first, table = logs[0], ""
     for log in logs:
         outcome = "opened" if log.success else failure_name(log.failure, "")
         peak = float(np.abs(log.forces.force_radial).max())
-        rows.append(
-            f"| {log.policy} | {outcome} | {_widest(log):.0f}° | {peak:.1f} N |"
-        )
-    table = "\n".join(rows)
+        numbers = f"{_widest(log):.0f}° | {peak:.1f} N"
+        table += f"| {log.policy} | {outcome} | {numbers} |\n"
     yield page(f"""\
 ### {len(logs)} policies at the {first.door} door
 
 | policy | outcome | widest | radial peak |
 |---|---|---|---|
 {table}
-
 All policies learned from the same demonstrations and open the same door (handle at \
 {first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work; a \
 large value means that the path does not fit the door. The tube is the policy's \
 forecast of the rest of the motion, ±1.96 σ; green is the true arc of the handle.
 """)
-    yield from _moved_to(
-        _OVERLAY, motion.door_frame(model, first.config, demonstrations)
-    )
+    common = motion.door_frame(model, first.config, demonstrations)
+    yield from _moved_to(_OVERLAY, common)
     # The angle from which a door counts as opened.
     angle = math.degrees(SUCCESS_ANGLE)
     mark = {Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}

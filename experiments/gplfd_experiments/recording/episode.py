@@ -57,7 +57,7 @@ def record_episode(
     mechanisms = parts.mechanism_of(model, log.config)
     curves = [*panels.all_series(log, mean_radius(demonstrations))]
     drawn = {chunk.entity_path for chunk in curves}
-    views = layout(parts.kinds_of(log), mechanisms, log.config.hinge_side, drawn)
+    views = layout([*parts.disturbances(log)], mechanisms, log.config.hinge_side, drawn)
     chunks = itertools.chain(curves, episode_chunks(log, model, demonstrations))
     name = f"{log.door} door, {log.policy}, seed {log.seed}"
     write_recording(path, name, views, chunks)
@@ -115,7 +115,7 @@ def _page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
     angle = math.degrees(log.opening.door_angle[-1])
     notes = _FORCE_NOTE * bool(np.isfinite(log.decisions.expected_force).any())
     notes += _MODE_NOTE * bool(np.isfinite(log.decisions.mode).any())
-    if outside := ", ".join(parts.kinds_of(log)):
+    if outside := ", ".join(parts.disturbances(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     axes = "and *across* the path"
     if np.all(log.decisions.frame == np.eye(3)):

@@ -164,12 +164,12 @@ def hand_stiffness(log: EpisodeLog) -> Iterator[Chunk]:
     stiffness, knots = mean_stiffness(log), _knots(log)[1:]
     tints = colour_of(stiffness[knots], colours.HAND)
     yield from _so_far(TRAIL, log, knots, rr.LineStrips3D, colors=tints)
-    if not np.isfinite(stiffness).any():
+    acts, rows = np.isfinite(stiffness), frames(log)
+    if not acts.any():
         return
-    acts = np.isfinite(stiffness)
-    values = stiffness[frames(log)]
-    labels = [f"{value:.0f} N/m" for value in values[np.isfinite(values)]]
-    tints = colour_of(values[np.isfinite(values)], colours.HAND)
+    values = stiffness[rows][acts[rows]]
+    labels = [f"{value:.0f} N/m" for value in values]
+    tints = colour_of(values, colours.HAND)
     yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
     yield ball(STIFFNESS, log, acts, _ABOVE_HAND, colors=tints, labels=labels)
 
@@ -238,8 +238,7 @@ def tube_vertices(
         (1.0 - share) * values[..., before, :] + share * values[..., before + 1, :]
         for values in (mean, std)
     )
-    # Where a path hardly advances, its direction is noise; use the nearest reliable
-    # one.
+    # Where a path hardly advances, its direction is noise; the nearest one is used.
     tangent = np.gradient(centre, axis=-2)
     speed = _length(tangent)
     slow = speed <= _SLOW * speed.max(axis=-2, keepdims=True)

@@ -6,7 +6,7 @@ episode. Of a disturbance the log has the magnitude of the force, but not its di
 a ball above the hand, with an area proportional to the force, and its label show it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 import mujoco
@@ -63,36 +63,18 @@ _BALL: Final = 0.008  # Radius at 1 N [m]; it grows with the root of the force.
 
 
 class Kind(NamedTuple):
-    """A kind of disturbance: texts, its strength (T,), and its unit."""
+    """A kind of disturbance: its texts, and the unit of its strength."""
 
     begins: str
     ends: str
-    curve: Callable[[EpisodeLog], FloatArray]
     unit: str = "N"
-
-    def acts(self, log: EpisodeLog) -> NDArray[np.bool_]:
-        """Whether it acts, (T,): a non-zero force, or an increasing displacement."""
-        curve = self.curve(log)
-        growth = np.diff(curve, prepend=0.0)
-        acts: NDArray[np.bool_] = (growth if self.unit == "mm" else curve) > 0.0
-        return acts
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "push": Kind("a push begins", "the push ends", lambda log: log.forces.push_force),
-    "person": Kind(
-        *("contact with a person", "the person lets go"),
-        lambda log: log.forces.person_force,
-    ),
-    "stop": Kind(
-        *("the door meets a stop", "the stop is gone"),
-        lambda log: log.forces.stop_force,
-    ),
-    "bump": Kind(
-        *("the base moves", "the base stops"),
-        lambda log: 1e3 * log.motion.base_shift,
-        "mm",
-    ),
+    "push": Kind("a push begins", "the push ends"),
+    "person": Kind("contact with a person", "the person lets go"),
+    "stop": Kind("the door meets a stop", "the stop is gone"),
+    "bump": Kind("the base moves", "the base stops", "mm"),
 }
 """Disturbances in a log, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
@@ -113,14 +95,13 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
     parts = mechanism_of(model, log.config)
     for name in parts:
         curves = {
-            line: scale * _positions(log, model, joint)
+            line: scale * log.motion.qpos[:, model.joint(joint).qposadr[0]]
             for joint, line, scale in _JOINTS.get(name, ())
         } or {Line("closing torque", colours.FORCE): log.forces.closer_torque}
         yield from panels.series(f"{panels.ROOT}/{name}/motion", log.times, curves)
     if "latch" in parts:
-        states = [
-            (float(log.times[row]), name) for row, name in bolt_states(log, model)
-        ]
+        changes = bolt_states(log, model)
+        states = [(float(log.times[row]), name) for row, name in changes]
         yield from panels.lane(LATCH, _BOLT_STATES, states)
     # The tendon of a closer's arm, if it has a colour.
     arms = [i for i in range(model.ntendon) if model.tendon(i).name == CLOSER_ARM]
@@ -140,34 +121,50 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
 
     It is held back if it is retracted so far that the door can open.
     """
-    throw = model.jnt_range[model.joint("bolt").id, 1]
-    back = _positions(log, model, "bolt") >= throw - GAP
+    bolt = model.joint("bolt")
+    back = log.motion.qpos[:, bolt.qposadr[0]] >= bolt.range[1] - GAP
     rows = np.flatnonzero(np.diff(back, prepend=~back[:1])).tolist()
     names = [*_BOLT_STATES]
     return [(row, names[int(back[row])]) for row in rows]
 
 
-def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:
-    """Positions of a joint, (T,) [m or rad]."""
-    positions: FloatArray = log.motion.qpos[:, model.joint(joint).qposadr[0]]
-    return positions
+Disturbances = dict[str, tuple[FloatArray, NDArray[np.bool_]]]
+"""Strength, and whether it acts, (T,) each, by the name of the disturbance."""
 
 
-def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
-    """Return the names of the disturbances in an episode."""
-    return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
+def disturbances(log: EpisodeLog) -> Disturbances:
+    """Return the disturbances in an episode, in the order of `KINDS`."""
+    present: Disturbances = {}
+    for name, kind in KINDS.items():
+        if kind.unit == "mm":  # The base stays where a bump has moved it.
+            curve = 1e3 * log.motion.base_shift
+            acts = np.diff(curve, prepend=0.0) > 0.0
+        else:
+            curve = getattr(log.forces, f"{name}_force")
+            acts = curve > 0.0
+        if acts.any():
+            present[name] = curve, acts
+    return present
 
 
 def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
     """Return balls, curves, limits and texts of the disturbances in an episode."""
     yield from balls(log)
     root = f"{panels.ROOT}/{PANEL}"
-    for name in kinds_of(log):
-        curve = {Line(name, colours.OUTSIDE): KINDS[name].curve(log)}
+    for name, (strength, acts) in disturbances(log).items():
+        curve = {Line(name, colours.OUTSIDE): strength}
         yield from panels.series(f"{root}/{name}", log.times, curve)
-        rows, texts = zip(*events(log, name), strict=True)
+        kind, rows, texts = KINDS[name], [], []
+        edges = np.diff(acts, prepend=False, append=False).nonzero()[0]
+        for first, end in edges.reshape(-1, 2).tolist():
+            rows.append(first)
+            texts.append(kind.begins)
+            if end < log.times.size:
+                most = strength[first:end].max()
+                rows.append(end)
+                texts.append(f"{kind.ends}: {most:.0f} {kind.unit} at most")
         columns = rr.TextLog.columns(text=texts)
-        yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
+        yield moving(f"{LOG}/{name}", log.times[rows], columns)
     for limit in _LIMITS:
         if (log.forces.person_force >= 0.5 * limit).any():
             path = f"{root}/allowed_{limit:g}"
@@ -176,25 +173,12 @@ def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
 
 def balls(log: EpisodeLog) -> Iterator[Chunk]:
     """Return a ball above the hand during a disturbance, with its name and strength."""
-    for name in kinds_of(log):
-        kind, path = KINDS[name], f"{motion.ROOT}/outside/{name}"
-        acts, rows = kind.acts(log), frames(log)
-        values = kind.curve(log)[rows][acts[rows]]
-        labels = [f"{name} {value:.0f} {kind.unit}" for value in values]
+    rows = frames(log)
+    for name, (strength, acts) in disturbances(log).items():
+        path = f"{motion.ROOT}/outside/{name}"
+        values = strength[rows][acts[rows]]
+        labels = [f"{name} {value:.0f} {KINDS[name].unit}" for value in values]
         radii = _BALL * np.sqrt(values)
         look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
         yield static(path, look)
         yield motion.ball(path, log, acts, _ABOVE, radii=radii, labels=labels)
-
-
-def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
-    """Rows in which a disturbance begins or ends, and the text."""
-    kind = KINDS[name]
-    edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
-    texts = []
-    for first, end in edges.reshape(-1, 2).tolist():
-        texts.append((first, kind.begins))
-        if end < log.times.size:
-            most = kind.curve(log)[first:end].max()
-            texts.append((end, f"{kind.ends}: {most:.0f} {kind.unit} at most"))
-    return texts

@@ -36,10 +36,11 @@ def frames(log: EpisodeLog) -> NDArray[np.intp]:
 
 def static(entity: str, *archetypes: Any) -> Chunk:
     """Return the static data of an entity as one chunk."""
-    batches = [
-        batch for archetype in archetypes for batch in archetype.as_component_batches()
+    columns = [
+        batch.partition([len(batch.as_arrow_array())])
+        for archetype in archetypes
+        for batch in archetype.as_component_batches()
     ]
-    columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
     return Chunk.from_columns(entity, [], columns)
 
 
@@ -86,12 +87,11 @@ def write_recording(
 
 def _layout(views: rrb.Container) -> tuple[Chunk, ...]:
     """Return a layout of views without other panels, as Rerun writes it."""
+    hidden = (rrb.BlueprintPanel, rrb.SelectionPanel, rrb.TopPanel)
     layout = rrb.Blueprint(
         views,
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TopPanel(state="hidden"),
+        *(panel(state="hidden") for panel in hidden),
         auto_views=False,
         auto_layout=False,
     )

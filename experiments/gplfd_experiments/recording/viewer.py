@@ -20,11 +20,8 @@ from gplfd_experiments.recording.stream import moving, write_recording
 from gplfd_policies.arrays.storage import regular_file
 from gplfd_policies.serving.protocol import BEGINNING, read_journal
 
-_LINES: Final = (
-    Line("x", colours.AXIS_X),
-    Line("y", colours.TRUTH),
-    Line("z", colours.AXIS_Z),
-)
+_AXES: Final = (colours.AXIS_X, colours.TRUTH, colours.AXIS_Z)
+_LINES: Final = tuple(map(Line, "xyz", _AXES))
 _PANELS: Final = {
     "pose": "Commanded position [m]: x orange, y green, z blue",
     "ee_pose": "Measured position [m]",

@@ -260,20 +260,19 @@ def fig03(material: Material) -> tuple[Figure, str]:
         name: align(demonstrations, method=method, trim_rests=False)
         for name, method in _METHODS.items()
     }
-    errors = phase_errors(motions, aligned)
-    error = {name: 100.0 * value for name, value in errors.items()}
+    error = {n: 100.0 * value for n, value in phase_errors(motions, aligned).items()}
 
     figure = style.new_figure(style.COLUMN, 3.4)
     (recorded, euclidean), (completed, index) = figure.subplots(2, 2)
-    for number, motion in enumerate(motions):
+    for motion in motions:
         colour, demonstration = _COLOURS[motion.level], motion.demonstration
         times = demonstration.times
         recorded.plot(times, demonstration.poses[:, HEIGHT], color=colour)
         index.plot(times, task_completion_index(demonstration), color=colour)
-        for panel, name in ((euclidean, "euclidean"), (completed, "completion")):
-            poses = aligned[name].poses[number]
-            panel.plot(aligned[name].times, poses[:, HEIGHT], color=colour)
     for panel, name in ((euclidean, "euclidean"), (completed, "completion")):
+        for motion, poses in zip(motions, aligned[name].poses, strict=True):
+            colour = _COLOURS[motion.level]
+            panel.plot(aligned[name].times, poses[:, HEIGHT], color=colour)
         panel.set(xlabel="phase", xlim=(0.0, 1.0), xticks=[0.0, 0.5, 1.0])
         style.note(panel, 0.05, f"phase error {error[name]:.1f} %", fontsize=6.5)
     for panel in (recorded, index):
