@@ -137,10 +137,7 @@ def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> 
 
 
 def _prepare(record: Any) -> None:
-    """Join the lines of help texts, which tyro breaks as in the source, in metadata.
-
-    An option that may be absent is named by its type alone.
-    """
+    """Join lines of help texts, and name options that may be absent by their type."""
     texts = {
         text.arg_name: " ".join((text.description or "").split())
         for part in reversed(record.__mro__[:-1])

@@ -111,14 +111,8 @@ class LedAgent:
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
         phase = float(np.clip(np.nan_to_num(phases[led.argmax()]), 0.0, 1.0))
         motion = Demonstration(times=times, poses=poses, wrenches=wrenches)
-        return Correction(
-            motion=motion,
-            led=led,
-            door=door,
-            seed=seed,
-            by=self._leader.by,
-            phase=phase,
-        )
+        about: Any = {"door": door, "seed": seed, "by": self._leader.by}
+        return Correction(motion=motion, led=led, phase=phase, **about)
 
 
 class SyntheticCorrector:

@@ -42,27 +42,21 @@ def forecast_errors(
     if the episode ended before. The error is the rms distance of points on this arc
     from the path of the forecast's mean; timing is ignored.
     """
-    shares = [progress * demonstrated_angle for progress in PROGRESS]
-    return tuple(_error(log, angle, demonstrated_angle) for angle in shares)
-
-
-def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | None:
-    reached = log.opening.door_angle >= angle
-    if not reached.any():
-        return None
-    # Half a microsecond of tolerance, because both times are sums of steps.
-    asked = log.forecasts.times >= log.times[np.argmax(reached)] - 5e-7
-    if not asked.any():
-        return None
-    forecast = int(np.argmax(asked))
-    start = float(
-        np.interp(log.forecasts.times[forecast], log.times, log.opening.door_angle)
-    )
-    if start >= min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
-        return None
-    rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
-    squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
-    return math.sqrt(float(squared.mean()))
+    times, opened = log.forecasts.times, log.opening.door_angle
+    errors: list[float | None] = []
+    for angle in [progress * demonstrated_angle for progress in PROGRESS]:
+        errors.append(None)
+        since = _first(log, opened >= angle)
+        # Half a microsecond of tolerance, because both times are sums of steps.
+        if since is None or not (asked := times >= since - 5e-7).any():
+            continue
+        forecast = int(np.argmax(asked))
+        start = float(np.interp(times[forecast], log.times, opened))
+        if start < min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
+            rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
+            squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
+            errors[-1] = math.sqrt(float(squared.mean()))
+    return tuple(errors)
 
 
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
@@ -369,7 +363,7 @@ SHORT: Final[Mapping[str, str]] = {
     "not_grasped": "not grasped",
     "grasp_lost": "let go",
 }
-"""Short labels; other failures are named by `failure_name`."""
+"""Short labels; other failures are named as they are."""
 
 _WORDS: Final[Mapping[str, str]] = {
     "grasp_lost": "hand lost the handle",
@@ -385,11 +379,6 @@ _WORDS: Final[Mapping[str, str]] = {
     "too_heavy": f"it took more than {HEAVY_FORCE:g} N",
 }
 """Plain words for ``failure`` and ``reason`` of an episode."""
-
-
-def failure_name(failure: str, unknown: str) -> str:
-    """Return a failure as text, or another text if the environment gives none."""
-    return failure.replace("_", " ") or unknown
 
 
 def why_closed(failure: str, reason: str) -> str:

@@ -18,7 +18,7 @@ from rerun.chunk import Chunk
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import SHORT, failure_name
+from gplfd_experiments.episodes.metrics import SHORT
 from gplfd_experiments.recording import colours, motion, parts, scene
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.episode import check_model
@@ -92,7 +92,7 @@ def _chunks(
     """Return the page, the common door, and each policy's robot and curves."""
     first, table = logs[0], ""
     for log in logs:
-        outcome = "opened" if log.success else failure_name(log.failure, "")
+        outcome = "opened" if log.success else log.failure.replace("_", " ")
         peak = float(np.abs(log.forces.force_radial).max())
         numbers = f"{_widest(log):.0f}° | {peak:.1f} N"
         table += f"| {log.policy} | {outcome} | {numbers} |\n"
@@ -144,7 +144,7 @@ def _robot(
             yield chunk.with_entity_path(overlay)
     for entity in (f"{root}{motion.TRAIL}", overlay):
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
-    ended = SHORT.get(log.failure, failure_name(log.failure, ""))
+    ended = SHORT.get(log.failure, log.failure.replace("_", " "))
     outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
     look: dict[str, Any] = {"radii": 0.012, "colors": colour, "show_labels": True}
     label = rr.Points3D([_LABEL], labels=[f"{log.policy}: {outcome}"], **look)

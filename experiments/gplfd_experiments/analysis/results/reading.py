@@ -15,7 +15,6 @@ from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.results.statistics import Key
 from gplfd_experiments.data.teacher import Habits, TeacherConfig
-from gplfd_experiments.episodes.metrics import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_experiments.studies.settings import Condition
@@ -131,7 +130,7 @@ class EpisodeResult(TaskResult):
     @property
     def failure(self) -> str:
         """Why the task was not solved, as the environment names it."""
-        return failure_name(str(self.metrics["failure"]), "no reason given")
+        return str(self.metrics["failure"]).replace("_", " ") or "no reason given"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

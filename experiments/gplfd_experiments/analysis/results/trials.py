@@ -3,7 +3,6 @@
 trials.json contains every number of a trial, so that the result files are not needed.
 """
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -241,15 +240,11 @@ def protocol_problems(results: StudyResults) -> list[str]:
     problems = [f"not a result: {reason}" for reason in results.unreadable]
 
     def check(deviating: Sequence[EpisodeTask], text: str, who: str = "") -> None:
-        if not deviating:
-            return
-        texts = [
-            f"{task.trial}, {task.level}, {task.door}, seed {task.seed}"
-            for task in deviating[:_LISTED]
-        ]
+        texts = [f"{t.trial}, {t.level}, {t.door}, seed {t.seed}" for t in deviating]
         if len(deviating) > _LISTED:
-            texts.append(f"and {len(deviating) - _LISTED} more")
-        problems.append(f"{who}{len(deviating)} {text}: {'; '.join(texts)}")
+            texts[_LISTED:] = [f"and {len(deviating) - _LISTED} more"]
+        if deviating:
+            problems.append(f"{who}{len(deviating)} {text}: {'; '.join(texts)}")
 
     ran = [episode for episode in trials if not episode.error]
     taught = {episode.task.demonstrations_key: episode.task for episode in ran}
@@ -268,8 +263,8 @@ def protocol_problems(results: StudyResults) -> list[str]:
         except ValueError as error:
             problems.append(f"{policy}: {error}")
             continue
-        planned = {_draw_of(task): task for task in tasks}
-        drawn = {_draw_of(episode.task): episode.task for episode in episodes}
+        planned = {replace(t, policy="", policy_source=None).key: t for t in tasks}
+        drawn = {episode.pair: episode.task for episode in episodes}
         missing = [task for draw, task in planned.items() if draw not in drawn]
         strange = [task for draw, task in drawn.items() if draw not in planned]
         lost = [episode.task for episode in episodes if episode.lost]
@@ -284,11 +279,3 @@ def protocol_problems(results: StudyResults) -> list[str]:
         if edited := [code for code in codes if "with edits" in code]:
             problems.append(f"{made} code with edits ({edited[0]})")
     return problems
-
-
-def _draw_of(task: EpisodeTask) -> str:
-    """Return all fields of a task except its policy."""
-    fields = task.definition
-    for name in ("policy", "policy_source"):
-        fields.pop(name, None)
-    return json.dumps(fields, sort_keys=True)

@@ -316,14 +316,10 @@ def method_metrics(
             **_movement_scores(movement),
             "cpu_fit_s": cpu_s,
         }
-        scores += [
-            {
-                **prediction_scores(movement, on_phases),
-                **shared,
-                **force_scores(method, movement, on_phases, demonstration),
-            }
-            for on_phases, demonstration in zip(left_out, fold.left_out, strict=True)
-        ]
+        for on_phases, whole in zip(left_out, fold.left_out, strict=True):
+            predicted = prediction_scores(movement, on_phases)
+            wrenches = force_scores(method, movement, on_phases, whole)
+            scores.append({**predicted, **shared, **wrenches})
     if held_out == "demonstration":
         return {**averaged(scores), **beyond(method, every[0], seed)}
     return {**averaged(scores), **tumbling(method, seed)}
