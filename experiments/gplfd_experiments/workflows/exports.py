@@ -211,12 +211,11 @@ def dry_run(
     None for the robot's own stance. ValueError: the arm does not reach the path.
     """
     limits = limits or OperatorLimits()
-    task = np.zeros(6)
     if frame is not None:
         task = np.array([*frame[:3], *rotvecs_from_quaternions((frame[3:],))[0]])
-    if tilt_of(task[3:]) > UPRIGHT:
-        # No arm stands at such a frame; `export_skill` says so.
-        return DryRun({}, np.empty((0, 3)), [])
+        if tilt_of(task[3:]) > UPRIGHT:
+            # No arm stands at such a frame; `export_skill` says so.
+            return DryRun({}, np.empty((0, 3)), [])
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
