@@ -2,13 +2,15 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import pytest
 
-from gplfd_experiments.analysis.report.doors import tier_tables
+from gplfd_experiments.analysis.report.doors import ordered, tier_tables
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
+    of_trial,
     success_measure,
 )
 from gplfd_experiments.cli.main import main
@@ -58,6 +60,12 @@ def test_a_table_per_tier_has_successes_and_radial_force(heavy):
     ]
     # Of the circle fit, over the doors that it opened.
     assert [row[3][:3] for row in table.rows] == ["2.0", "4.0", "1.0"]
+
+
+def test_who_opens_no_door_is_last_however_gentle(heavy):
+    trial = replace(TRIALS["heavy"], measures=(RADIAL, "success"))
+    [runs] = ordered(trial, of_trial(read_results(heavy).episodes, "heavy")).values()
+    assert [*runs][-1] == "hinge-fit"
 
 
 def test_rows_have_fields_and_metrics_of_every_task(heavy, tmp_path, capsys):
