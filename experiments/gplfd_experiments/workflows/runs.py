@@ -24,7 +24,6 @@ from gplfd_experiments.console.arguments import (
     check_least,
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
-from gplfd_experiments.data.minari import Recorder, outcome, write_dataset
 from gplfd_experiments.episodes.build import (
     PolicyError,
     demonstrations_of,
@@ -327,6 +326,8 @@ def record_dataset(
     folder: Path, settings: RecordSettings, options: Mapping[str, Any]
 ) -> int:
     """Open every door several times and write the data set; the options are stored."""
+    from gplfd_experiments.data.minari import write_dataset
+
     check_least("--episodes", settings.episodes, 1, 100_000)
     check_least("--max-steps", settings.max_steps, 1)
     name, policy = settings.policy, policy_named(settings.policy)
@@ -363,6 +364,8 @@ def _recorded(
     env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
 ) -> Iterator[Any]:
     """Run and yield the episode of every task."""
+    from gplfd_experiments.data.minari import Recorder, outcome
+
     recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
         with reported_errors(task.policy, policy):
