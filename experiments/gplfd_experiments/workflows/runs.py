@@ -140,28 +140,28 @@ def open_doors(
             metrics.append(measured)
             log.save(folder / f"{task.door}.npz")
             demonstrations = labelled[task.demonstrations_key].demonstrations
-            recording = folder / f"{task.door}.rrd"
-            record_episode(recording, log, model, demonstrations)
+            record_episode(folder / f"{task.door}.rrd", log, model, demonstrations)
             if video := videos.get(task.door):
                 images = write_video(video, log, model, STANDARD)
                 seconds = images / STANDARD.rate
                 LOG.info("wrote %s (%d pictures, %.1f s)", video, images, seconds)
-            low, high = model.jnt_range[[model.joint(name).id for name in body.arm]].T
-            angles = log.motion.joint_pos
-            margins = np.minimum(angles - low, high - angles).min(axis=0)
-            if margins.min() < 0.01:
-                joint = body.arm[int(margins.argmin())]
+            if joint := _at_limit(log, model, body.arm):
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
             ended = f"not opened ({why})" if why else "opened"
-            angle = round(measured["final_angle_deg"], 1) + 0.0  # not -0.0
+            angle, duration = measured["final_angle_deg"], measured["duration"]
+            reached = f"{angle:z.1f} deg in {duration:.1f} s"  # z: not -0.0
             seconds = time.perf_counter() - started
-            LOG.info(
-                f"{task.door}: {ended}, {angle:.1f} deg in {measured['duration']:.1f} "
-                f"s ({seconds:.1f} s)"
-            )
+            LOG.info(f"{task.door}: {ended}, {reached} ({seconds:.1f} s)")
         write_json(folder / METRICS, metrics)
     return metrics
+
+
+def _at_limit(log: EpisodeLog, model: mujoco.MjModel, arm: Sequence[str]) -> str | None:
+    low, high = model.jnt_range[[model.joint(name).id for name in arm]].T
+    angles = log.motion.joint_pos
+    margins = np.minimum(angles - low, high - angles).min(axis=0)
+    return arm[int(margins.argmin())] if margins.min() < 0.01 else None
 
 
 def episode_tasks(
