@@ -188,8 +188,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             episode.advance(self._sense())
         if self.render_mode == "human":
             self.render()
-        diverged = bool(episode.progress.simulation_error)
-        outcome = float(episode.reward), bool(episode.terminated), diverged
+        reward, ended, diverged = episode.outcome()
+        outcome = float(reward), bool(ended), bool(diverged)
         return episode.observation(self._sensed), *outcome, episode.info()
 
     def render(self) -> Any:

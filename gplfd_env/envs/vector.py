@@ -203,7 +203,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             episodes.mark_diverged(diverged)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
-        rewards, terminations, truncations = episodes.outcome(self._limit)
+        outcome = map(np.asarray, episodes.outcome(self._limit))
+        rewards, terminations, truncations = outcome
         self._ended = terminations | truncations
         infos = masked(episodes.info(), self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():

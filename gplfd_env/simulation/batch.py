@@ -12,7 +12,7 @@ from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
-from gplfd_env.simulation.command import ExtraInputs, ServoGains, servo_gains
+from gplfd_env.simulation.command import ExtraInputs, ServoGains
 from gplfd_env.simulation.single import BAD_STATE, Robot
 
 Rows = Sequence[int]
@@ -63,7 +63,7 @@ class SameStructureBatch:
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
         for row in rows if self._gains else ():
-            self._gains[row].set(servo_gains(self._robot.command.rest[6:]))
+            self._gains[row].set(self._robot.command.rest[6:])
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets the warning counts of these simulations to zero.
@@ -84,7 +84,7 @@ class SameStructureBatch:
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
         for row, servo in enumerate(self._gains):
-            servo.set(servo_gains(commands[row, 6:]))
+            servo.set(commands[row, 6:])
         if changed:
             self._batch.set_models(self.models)
         self._batch.step(rows, nstep=self._substeps)

@@ -142,16 +142,11 @@ class ServoGains:
         self._gain = model.actuator_gainprm[:6, 0]
         self._biases = model.actuator_biasprm[:6, 1:3]
 
-    def set(self, gains: Array) -> None:
-        """Set the gains, a result of `servo_gains`, (6, 3)."""
-        self._gain[:], self._biases[:] = gains[:, 0], gains[:, 1:]
-
-
-def servo_gains(stiffness: Array) -> Array:
-    """Return gain and biases of position and velocity for a stiffness, (..., 3)."""
-    clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
-    damping = np.sqrt(clamped) * _DAMPING_OF_ROOT
-    return np.stack([clamped, -clamped, damping], axis=-1)
+    def set(self, stiffness: Array) -> None:
+        """Set the gains by a stiffness (6,) [N/m, N m/rad], clamped to its range."""
+        clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
+        self._gain[:], self._biases[:, 0] = clamped, -clamped
+        self._biases[:, 1] = np.sqrt(clamped) * _DAMPING_OF_ROOT
 
 
 Vector = tuple[float, float, float]

@@ -13,7 +13,7 @@ from gplfd_env.robot.mobile_base import BASE_DRIVES
 from gplfd_env.robot.model import GRIPS, Hold
 from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
-from gplfd_env.simulation.command import Command, ExtraInputs, ServoGains, servo_gains
+from gplfd_env.simulation.command import Command, ExtraInputs, ServoGains
 
 _BAD: Final = mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQACC
 BAD_STATE: Final = slice(int(_BAD[0]), int(_BAD[1]) + 1)
@@ -119,7 +119,7 @@ class DoorSimulation:
     def _apply(self, command: Array) -> None:
         self._pose[:] = command[:6]
         if self._gains is not None:
-            self._gains.set(servo_gains(command[6:]))
+            self._gains.set(command[6:])
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._robot, self.variation, self.model, self.data

@@ -59,11 +59,13 @@ from gplfd_env.task.opening import (
     SIMULATION_ERROR,
     STALLED,
     TRIED_ANGLE,
+    Diagnosis,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
+    stage_after,
+    turned_angle,
 )
-from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
 Reward = Literal["dense", "sparse"]
 Thing = TypeVar("Thing")
@@ -405,17 +407,15 @@ class Episode:
             "reward_terms": progress.terms,
         }
 
-    @property
-    def reward(self) -> Number:
-        """Reward of the last step: the sum of its terms."""
-        return sum(self.progress.terms.values())
+    def outcome(self, limit: float = math.inf) -> tuple[Number, Flag, Flag]:
+        """Return the last step's reward, termination, truncation after `limit` steps.
 
-    @property
-    def terminated(self) -> Flag:
-        """Whether the task has ended, by success or a lost grasp."""
-        opening = self.progress.opening
-        ended = opening.success | (opening.failure == GRASP_LOST)
-        return ended & negated(self.progress.simulation_error)
+        The task ends by success or a lost grasp; a diverged simulation is truncated.
+        """
+        progress, opening = self.progress, self.progress.opening
+        ended, error = opening.success, progress.simulation_error
+        ended = (ended | (opening.failure == GRASP_LOST)) & negated(error)
+        return sum(progress.terms.values()), ended, error | (progress.steps >= limit)
 
 
 def _chosen(
@@ -469,12 +469,6 @@ class Episodes(Episode):
             now = self.readings, self.progress
             kept = mapped(lambda new, old: where(stepped, new, old), now, before)
             self.readings, self.progress = kept
-
-    def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
-        """Return rewards, terminations, and truncations after `limit` steps, (n,)."""
-        late = self.progress.simulation_error | (self.progress.steps >= limit)
-        rewards, ended = np.asarray(self.reward), np.asarray(self.terminated)
-        return rewards, ended, np.asarray(late)
 
     def info(self) -> Info:
         """Return the infos as new arrays (n, ...)."""

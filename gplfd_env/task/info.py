@@ -5,8 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gplfd_env.task.opening import FAILURES
-from gplfd_env.task.stages import REASONS, STAGES
+from gplfd_env.task.opening import FAILURES, REASONS, STAGES
 
 
 class Entry(NamedTuple):

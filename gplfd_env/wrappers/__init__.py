@@ -6,8 +6,7 @@ environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`
 `FlatObservation`.
 """
 
-from gplfd_env.task.opening import FAILURES
-from gplfd_env.task.stages import REASONS
+from gplfd_env.task.opening import FAILURES, REASONS
 from gplfd_env.wrappers.forms import (
     LIMITS,
     FlatObservation,

@@ -203,7 +203,7 @@ class NumericInfo(_Numeric, gym.Wrapper[Any, Any, Any, Any]):
     """Replace the strings of ``info`` by integers, for wrappers such as `NumpyToTorch`.
 
     ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
-    `REASONS` and `gplfd_env.task.stages.STAGES`.
+    `REASONS` and `gplfd_env.task.opening.STAGES`.
     """
 
 

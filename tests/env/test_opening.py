@@ -13,11 +13,15 @@ from gplfd_env.doors.config import DOORS
 from gplfd_env.task.observation import DoorReading
 from gplfd_env.task.opening import (
     FAILURES,
+    REASONS,
+    STAGES,
     STALL_ANGLE,
+    Diagnosis,
     OpeningMonitor,
     reward_terms,
+    stage_after,
+    turned_angle,
 )
-from gplfd_env.task.stages import REASONS, STAGES, Diagnosis, stage_after, turned_angle
 
 DT = 0.01
 OPEN = SUCCESS_ANGLE + 1e-6
@@ -118,19 +122,13 @@ LIMITS = ((-1.0, 1.0), (0.0, 2.0))
 INSIDE = [0.5, 1.0]
 
 
+ZERO: Any = (0.0, 0.0, 0.0)
+AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+REST = DoorReading(0.0, 0.0, ZERO, ZERO, ZERO, True, AXES, 0.0, 0.0, 0.0)
+
+
 def reading(degrees: float = 0.0, **changes: Any) -> DoorReading:
-    rest: dict[str, Any] = {
-        "velocity": 0.0,
-        "handle_position": (0.0, 0.0, 0.0),
-        "hand_on_handle": (0.0, 0.0, 0.0),
-        "forces": (0.0, 0.0, 0.0),
-        "grasped": True,
-        "axes": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        "stop_torque": 0.0,
-        "handle_angle": 0.0,
-        "bolt": 0.0,
-    }
-    return DoorReading(angle=math.radians(degrees), **{**rest, **changes})
+    return REST._replace(angle=math.radians(degrees), **changes)
 
 
 def test_a_latched_door_passes_every_stage_in_order():

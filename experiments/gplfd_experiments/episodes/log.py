@@ -72,7 +72,7 @@ class Opening(_Arrays):
     handle_pose: Pose
     """True pose of the handle."""
     capability: Number
-    """The furthest stage so far, an index of `gplfd_env.task.stages.STAGES`."""
+    """The furthest stage so far, an index of `gplfd_env.task.opening.STAGES`."""
     solved: Flag
     """Whether the task counts as solved at this step."""
     grasped: Flag
@@ -189,7 +189,7 @@ class EpisodeLog:
     success: bool
     """Whether the task was solved."""
     failure: str
-    """Failure of `gplfd_env.task.stages`, or "time_limit"; "" for none."""
+    """Failure of `gplfd_env.task.opening`, or "time_limit"; "" for none."""
     reason: str
     """Cause of the failure, as there: such as "out_of_reach", or the failure."""
 

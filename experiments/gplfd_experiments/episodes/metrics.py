@@ -19,8 +19,7 @@ from scipy.signal import savgol_filter
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_env.task.stages import HEAVY_FORCE, STAGES
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE, HEAVY_FORCE, STAGES
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
