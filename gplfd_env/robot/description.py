@@ -49,10 +49,12 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
         if joint.range[0] == joint.range[1]:
             # The joint is continuous; no door needs more than a turn to each side.
             joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
-    for body, mesh, geom in _meshes(str(path), path.read_bytes()):
-        spec.add_mesh(**mesh)
-        kind = mujoco.mjtGeom.mjGEOM_MESH
-        spec.body(body).add_geom(type=kind, mass=0.0, **geom, **INTANGIBLE)
+    for link, mesh, geom in _meshes(str(path), path.read_bytes()):
+        body = spec.body(link)
+        if body is not None:  # Links above the base link are left out.
+            spec.add_mesh(**mesh)
+            kind = mujoco.mjtGeom.mjGEOM_MESH
+            body.add_geom(type=kind, mass=0.0, **geom, **INTANGIBLE)
     first, second = robot.fingers
     joints = {"type": mujoco.mjtEq.mjEQ_JOINT, "objtype": mujoco.mjtObj.mjOBJ_JOINT}
     equal = [0.0, 1.0, *[0.0] * 10]

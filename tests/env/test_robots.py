@@ -126,6 +126,12 @@ def test_meshes_are_drawn_and_missing_ones_are_told_once(tmp_path, caplog):
     model = described_robot(robot_of_urdf(path)).compile()
     assert model.nmesh == 1
     assert_allclose(np.ptp(model.mesh_vert, axis=0).sum(), 1.2, rtol=1e-6)
+    # Of a link that is above the arm's base nothing is drawn.
+    trunk = f'<link name="trunk"><visual>{mesh}</visual></link><joint name="raised" '
+    trunk += 'type="fixed"><parent link="trunk"/><child link="base_link"/><origin '
+    trunk += 'xyz="0 0 0.8"/></joint></robot>'
+    path.write_text(text.replace("</robot>", trunk))
+    assert described_robot(robot_of_urdf(path)).compile().nmesh == 0
     (tmp_path / "other").mkdir()
     mesh = mesh.replace("part", "no")
     another = mesh.replace("no", "none")
