@@ -6,15 +6,15 @@ import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple
 
 from gplfd_env.doors import hardware
 from gplfd_env.doors.parts import Closer, Leaf, Lockset, Mechanism
 from gplfd_env.doors.presets import preset_table
 from gplfd_env.validation.fields import (
     allowed_range,
-    check_choice,
     check_quantities,
+    choice,
     quantity,
 )
 from gplfd_env.validation.named import changed_fields, preset, record_of, with_fields
@@ -148,15 +148,15 @@ class DoorConfig:
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
     """Angle at which the seal's torque, which falls linearly, reaches zero."""
-    handle: Handle = "bar"
+    handle: Handle = choice("bar", Handle)
     """What the hand holds."""
-    latch: Latch = "none"
+    latch: Latch = choice("none", Latch)
     """What holds the closed door."""
-    swing: Swing = "pull"
+    swing: Swing = choice("pull", Swing)
     """Whether the robot pulls or pushes the door open."""
-    hinge_side: HingeSide = "right"
+    hinge_side: HingeSide = choice("right", HingeSide)
     """Side of the hinge, seen from the robot."""
-    motion: Motion = "hinged"
+    motion: Motion = choice("hinged", Motion)
     """How the leaf moves."""
     leaf: Leaf = _LEAF
     """Dimensions of the leaf."""
@@ -168,8 +168,6 @@ class DoorConfig:
     """Dimensions of a leaf that does not only turn about its hinge."""
 
     def __post_init__(self) -> None:
-        for name, allowed in _CHOICES.items():
-            check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
         check_quantities(self)
         for name, record in _PARTS.items():
             part = record_of(getattr(self, name), record, f"DoorConfig.{name}")
@@ -263,7 +261,7 @@ class DoorConfig:
     @property
     def kind(self) -> dict[str, str]:
         """The fields that decide which motion opens it; no `motion` if it is hinged."""
-        kind = {name: getattr(self, name) for name in _CHOICES}
+        kind = {name: getattr(self, name) for name in _KIND}
         return {n: value for n, value in kind.items() if value != "hinged"}
 
     @property
@@ -314,10 +312,7 @@ class DoorConfig:
 _PARTS: Final[Mapping[str, type[Leaf | Lockset | Closer | Mechanism]]] = {
     "leaf": Leaf, "lockset": Lockset, "closer": Closer, "mechanism": Mechanism,
 }  # fmt: skip
-_CHOICES: Final = {
-    "handle": Handle, "latch": Latch, "swing": Swing, "hinge_side": HingeSide,
-    "motion": Motion,
-}  # fmt: skip
+_KIND: Final = ("handle", "latch", "swing", "hinge_side", "motion")
 
 
 def _room(

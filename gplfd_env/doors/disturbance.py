@@ -11,18 +11,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from gplfd_env.doors.presets import preset_table
-from gplfd_env.validation.fields import (
-    Quantities,
-    check_choice,
-    check_quantities,
-    draw_ranges,
-    quantity,
-)
+from gplfd_env.validation.fields import Quantities, choice, draw_ranges, quantity
 from gplfd_env.validation.named import preset, record_of
 
 Number = Any
@@ -47,13 +41,13 @@ _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Push:
+class Push(Quantities):
     """A force on hand, forearm or leaf, in the axes of the handle's circle."""
 
-    on: Target = "hand"
+    on: Target = choice("hand", Target)
     """Where the push acts: ``"hand"`` and ``"forearm"`` at their centres of mass;
     ``"door"`` at the handle, where only `along` has an effect."""
-    profile: Profile = "half_sine"
+    profile: Profile = choice("half_sine", Profile)
     """``"half_sine"``, or ``"constant"``."""
     along: Number = _number(0.0, **_FORCES)
     """Greatest force along the opening motion."""
@@ -68,14 +62,9 @@ class Push:
     duration: Number = _number(0.3, **_DURATIONS)
     """How long it lasts."""
 
-    def __post_init__(self) -> None:
-        check_choice("Push.on", self.on, get_args(Target))
-        check_choice("Push.profile", self.profile, get_args(Profile))
-        check_quantities(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Person:
+class Person(Quantities):
     """A person holds the robot's hand or the door, or blocks its way with a hand.
 
     A mass, the person's hand, touches hand or door through the contact stiffness of
@@ -83,9 +72,9 @@ class Person:
     ties it to where it took hold. It moves along the handle's circle only.
     """
 
-    on: Held = "hand"
+    on: Held = choice("hand", Held)
     """What is held: the robot's hand or the door at its handle."""
-    one_sided: bool = False
+    one_sided: bool = choice(False, Literal[False, True])
     """Whether the person only stands in the way and never pulls."""
     start_angle: Number = _number(0.0, **_ANGLES)
     """Angle at which the person takes hold, or at which the blocking hand is."""
@@ -103,11 +92,6 @@ class Person:
     """Stiffness of the person's arm."""
     arm_damping: Number = _number(50.0, unit="N s/m", low=0.0, high=200.0)
     """Damping of the person's arm."""
-
-    def __post_init__(self) -> None:
-        check_choice("Person.on", self.on, get_args(Held))
-        check_choice("Person.one_sided", self.one_sided, (False, True))
-        check_quantities(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -23,9 +23,9 @@ from gplfd_env.doors.presets import preset_table
 from gplfd_env.doors.variation import Perception, Placement, SensorNoise, Variation
 from gplfd_env.validation.fields import (
     allowed_range,
-    check_choice,
     check_quantities,
     checked_number,
+    choice,
     quantity,
 )
 from gplfd_env.validation.named import preset
@@ -96,12 +96,11 @@ class DoorRandomization:
     """Commands take effect after this many control periods or more ..."""
     longest_delay: int = quantity(0, unit="control periods", low=0, high=10)
     """... at most after this many."""
-    doors: Doors = "given"
+    doors: Doors = choice("given", Doors)
     """``"given"``: the environment's door, changed by the ranges above; ``"standard"``:
     a door drawn by `standard_door` instead."""
 
     def __post_init__(self) -> None:
-        check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
         check_quantities(self)
         for field in dataclasses.fields(self):
             values, limits = getattr(self, field.name), field.metadata.get(_LIMITS)

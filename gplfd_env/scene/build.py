@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 
@@ -238,13 +238,11 @@ def _add_sensors(
     """
 
     def add(
-        name: str, kind: str, of: mujoco.mjtObj, target: str, reference: str = ""
-    ) -> mujoco.MjsSensor:
-        kind_of = getattr(mujoco.mjtSensor, f"mjSENS_{kind}")
-        sensor = spec.add_sensor(name=name, type=kind_of, objtype=of, objname=target)
-        if reference:
-            sensor.reftype, sensor.refname = _SITE, reference
-        return sensor
+        name: str, kind: str, of: Any, target: str, frame: str = "", **more: Any
+    ) -> None:
+        type_of = getattr(mujoco.mjtSensor, f"mjSENS_{kind}")
+        more |= {"reftype": _SITE, "refname": frame} if frame else {}
+        spec.add_sensor(name=name, type=type_of, objtype=of, objname=target, **more)
 
     def add_joints(names: Sequence[str]) -> None:
         for suffix in ("pos", "vel"):
@@ -256,14 +254,6 @@ def _add_sensors(
             kind = f"FRAME{axis.upper()}AXIS"
             add(f"{first}_{axis}axis", kind, _SITE, site, reference)
 
-    def add_contact(
-        name: str, of: mujoco.mjtObj, target: str, fields: int, reduction: int = 0
-    ) -> None:
-        """Add the contact between the handle and a pad, a finger or anything."""
-        sensor = add(name, "CONTACT", of, target)
-        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, "handle_bar"
-        sensor.intprm[:3] = [fields, reduction, 1]
-
     servos = ("servo_rotation",) if control == "pose" else ROTATION_SERVOS
     for name in (*TRANSLATION_SERVOS, *servos):
         sensor = name.replace("servo_rotation", "hand_rotvec").replace("servo", "hand")
@@ -271,8 +261,8 @@ def _add_sensors(
     add("hand_linvel", "FRAMELINVEL", _SITE, "hand", "task_frame")
     add("hand_angvel", "FRAMEANGVEL", _SITE, "hand", "task_frame")
     add_joints(robot.arm)
-    add("wrist_force", "FORCE", _SITE, "wrist_ft").cutoff = WRENCH_LIMITS[0]
-    add("wrist_torque", "TORQUE", _SITE, "wrist_ft").cutoff = WRENCH_LIMITS[1]
+    add("wrist_force", "FORCE", _SITE, "wrist_ft", cutoff=WRENCH_LIMITS[0])
+    add("wrist_torque", "TORQUE", _SITE, "wrist_ft", cutoff=WRENCH_LIMITS[1])
     add_axes("wrist", "wrist_ft", "task_frame")
     if robot.base == "mobile":
         add_joints(BASE_JOINTS)
@@ -287,13 +277,15 @@ def _add_sensors(
     turning = structure.handle != "bar"
     level = MOTIONS[structure.motion].level
     add_axes("handle", "leaf_axes" if turning or level else "handle")
+    held: Any = {"reftype": mujoco.mjtObj.mjOBJ_GEOM, "refname": "handle_bar"}
     for side, finger in zip(SIDES, robot.fingers, strict=True):
         touching = mujoco.mjtObj.mjOBJ_GEOM, f"{side}_finger_pad"
         if turning:
             touching = mujoco.mjtObj.mjOBJ_BODY, spec.joint(finger).parent.name
-        add_contact(f"{side}_pad_contact", *touching, _CONTACT_FOUND)
-    anything = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
-    add_contact("bar_force", *anything, _CONTACT_FORCE, _NET_FORCE)
+        touched = [_CONTACT_FOUND, 0, 1]
+        add(f"{side}_pad_contact", "CONTACT", *touching, intprm=touched, **held)
+    anything, force = mujoco.mjtObj.mjOBJ_UNKNOWN, [_CONTACT_FORCE, _NET_FORCE, 1]
+    add("bar_force", "CONTACT", anything, "", intprm=force, **held)
     add("hinge_stop", "JOINTLIMITFRC", _JOINT, "hinge")
     if turning:
         add("handle_angle", "JOINTPOS", _JOINT, "handle")

@@ -1,4 +1,4 @@
-"""Numbers of configuration records: each field declares its unit and its range once.
+"""Fields of configuration records: each declares its unit and range, or its choices.
 
 A record declares ``radius: float = quantity(0.5, unit="m", low=0.3, high=0.65)``,
 explains the number in the docstring below, and calls `check_quantities` in its
@@ -10,14 +10,15 @@ import math
 import numbers
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 Record = TypeVar("Record", bound=Any)
 
-_RANGE: Final = "range"  # Key of a field's metadata.
+_RANGE: Final = "range"  # Key of a field's metadata; likewise:
+_CHOICES: Final = "choices"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,6 +48,11 @@ def quantity(default: float | None, **allowed: Any) -> Any:
     return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
 
 
+def choice(default: Any, allowed: Any) -> Any:
+    """Declare one of the values of a `Literal`."""
+    return dataclasses.field(default=default, metadata={_CHOICES: get_args(allowed)})
+
+
 def allowed_range(record: type, field: str) -> Range:
     """Return the range that a field of a record declares."""
     declared = {each.name: each.metadata for each in dataclasses.fields(record)}
@@ -61,10 +67,12 @@ def check_quantities(record: Any) -> None:
     """
     for field in dataclasses.fields(record):
         value: Any = getattr(record, field.name)
+        name = f"{type(record).__name__}.{field.name}"
+        if _CHOICES in field.metadata:
+            check_choice(name, value, field.metadata[_CHOICES])
         allowed = field.metadata.get(_RANGE)
         if allowed is None or (field.default is None and value is None):
             continue
-        name = f"{type(record).__name__}.{field.name}"
         checked: Any
         if allowed.pairs and isinstance(value, list | tuple):
             checked = tuple(checked_number(name, end, allowed) for end in value)

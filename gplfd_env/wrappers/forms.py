@@ -43,10 +43,27 @@ def action_of(
     return np.asarray(offset / np.repeat(limits, 3))
 
 
-class _Relative:
-    """Reset and step with set-points relative to the hand, for one or many."""
+class _Converted:
+    """Reset and step of single or vector environments, with converted results."""
 
     env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one in each environment."""
+        return self._convert(*self.env.reset(seed=seed, options=options))
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Act for one control period."""
+        observation, *outcome, info = self.env.step(action)
+        observation, info = self._convert(observation, info)
+        return (observation, *outcome, info)
+
+    def _convert(self, observation: Any, info: Info) -> tuple[Any, Info]:
+        raise NotImplementedError
+
+
+class _Relative(_Converted):
+    """Set-points relative to the hand, for one or many."""
 
     def _begin(self, space: spaces.Space[Any], limits: Any, *n: int) -> None:
         """Check action space and limits; actions are (n, 6) or (6,) numbers."""
@@ -57,12 +74,6 @@ class _Relative:
             raise ValueError(f"RelativeAction needs a pose (6,) as action; got {space}")
         self._limits, self._shape = (float(metres), float(radians)), (*n, 6)
         self._hand: Array | None = None
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin an episode, or one in each environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._hand = observation["ee_pose"].copy()
-        return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
         """Move the set-points, (6,) or (n, 6), clamped to ±1; refuse others."""
@@ -77,10 +88,11 @@ class _Relative:
                 f"the action must be numbers of shape {self._shape}, relative to the "
                 f"hand; got {reprlib.repr(action)}"
             )
-        command = command_of(numbers, self._hand, self._limits)
-        observation, *outcome = self.env.step(command)
+        return super().step(command_of(numbers, self._hand, self._limits))
+
+    def _convert(self, observation: Any, info: Info) -> tuple[Any, Info]:
         self._hand = observation["ee_pose"].copy()
-        return (observation, *outcome)
+        return observation, info
 
 
 class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
@@ -125,25 +137,16 @@ def flat_of(observation: Mapping[str, Any]) -> Flat:
     return np.concatenate(vectors, axis=-1, dtype=np.float32)
 
 
-class _Flat:
-    """Reset and step of single or vector environments with flat observations."""
+class _Flat(_Converted):
+    """Flat observations, also those at the ends of episodes."""
 
-    env: Any
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
-        """Begin an episode, or one in each environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return flat_of(observation), info
-
-    def step(self, action: Any) -> tuple[Flat, Any, Any, Any, Info]:
-        """Act for one control period."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
+    def _convert(self, observation: Any, info: Info) -> tuple[Flat, Info]:
         if "final_obs" in info:
             last = np.full(len(info["final_obs"]), None, dtype=object)
             for row in np.flatnonzero(info["_final_obs"]):
                 last[row] = flat_of(info["final_obs"][row])
             info = {**info, "final_obs": last}
-        return flat_of(observation), reward, terminated, truncated, info
+        return flat_of(observation), info
 
 
 class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
@@ -183,20 +186,11 @@ _CODES: Final = {
 }
 
 
-class _Numeric:
-    """Reset and step of single or vector environments with codes in their infos."""
+class _Numeric(_Converted):
+    """Codes in the infos."""
 
-    env: Any
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin an episode, or one in each environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
+    def _convert(self, observation: Any, info: Info) -> tuple[Any, Info]:
         return observation, _coded(info)
-
-    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Act for one control period."""
-        *outcome, info = self.env.step(action)
-        return (*outcome, _coded(info))
 
 
 class NumericInfo(_Numeric, gym.Wrapper[Any, Any, Any, Any]):

@@ -17,6 +17,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array, Info, Mask
+from gplfd_env.conventions.one_and_many import mapped, where
 from gplfd_env.conventions.resets import masked
 
 FORCE_SCALE: Final = 20.0
@@ -124,14 +125,9 @@ class Score:
 
     def restart(self, info: Mapping[str, Any], rows: Mask) -> None:
         """Restart the score in some of many environments."""
-        if not rows.any():
-            return
-        fresh = Score(info)
-        for name in ("peak_force", "peak_slip", "earned"):
-            chosen = np.where(rows, getattr(fresh, name), getattr(self, name))
-            setattr(self, name, chosen)
-        for old, new in ((self._values, fresh._values), (self.terms, fresh.terms)):
-            old.update({name: np.where(rows, new[name], old[name]) for name in old})
+        if rows.any():
+            states = vars(Score(info)), vars(self)
+            vars(self).update(mapped(lambda new, old: where(rows, new, old), *states))
 
     def _now(self, info: Mapping[str, Any]) -> dict[str, Any]:
         """Return the terms of the score."""
