@@ -24,6 +24,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.robot.config import BASE_RADIUS, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
+from gplfd_env.spatial.se3 import handle_pose_on_arc
 
 _TRIES: Final = 11  # Logarithm to base 2 of the number of tries in the first round.
 # Spread of the tries of later rounds, as a share of the ranges.
@@ -244,11 +245,9 @@ class _Tries(NamedTuple):
 
     def stance(self, row: int, radius: float, height: float) -> Stance:
         """Return a try as a stance."""
-        x, y, z = self.handles[row].tolist()
-        turns = self.yaws, self.grasp_yaws, self.rolls
-        yaw, grasp_yaw, roll = (float(angles[row]) for angles in turns)
-        posture = tuple(self.postures[row].tolist())
-        held: Any = {"grasp_yaw": grasp_yaw, "roll": roll, "closed_posture": posture}
+        (x, y, z), yaw, grasp_yaw, roll, posture = (v[row].tolist() for v in self)
+        held: Any = {"grasp_yaw": grasp_yaw, "roll": roll}
+        held["closed_posture"] = tuple(posture)
         within = {"below_handle": z, "radius": radius, "height": height}
         return Stance(handle_xy_w=(x, y), door_yaw=yaw, **held, **within)
 
@@ -295,14 +294,12 @@ def _search(
         number, end = min(int(scores[best[0]]), len(path) - 1), last[best[0]]
         places, _, _, loads = arm.hand(end[None])
         away = tries.poses(path[number])[0][best[0]] - places[0]
-        joints, cause = loads[0] > _LOAD, "too heavy for its effort"
-        if not joints.any():
-            joints, cause = (
-                np.minimum(end - arm.low, arm.high - end) < 0.1,
-                "at a limit",
-            )
-        if not joints.any():
-            joints, cause = end == end, "stretched"
+        causes = {
+            "too heavy for its effort": loads[0] > _LOAD,
+            "at a limit": np.minimum(end - arm.low, arm.high - end) < 0.1,
+            "stretched": end == end,
+        }
+        cause, joints = next(item for item in causes.items() if item[1].any())
         raise ValueError(
             f"{moments[number]} {' and '.join(np.array(robot.arm)[joints])} {cause}; "
             f"the hand stays {away.round(2).tolist()} m of the base's axes away"
@@ -360,35 +357,34 @@ def searched_stance(robot: RobotConfig, group: StanceGroup) -> Stance | str:
     With a fixed base the arm follows the whole opening; with a mobile one, which
     follows the hand, it turns the hand by 30° to both sides and moves it by 10 cm.
     """
+    radii: tuple[float, ...] = _RADII
+    arm, height = _Arm.of(robot), _HEIGHTS[2]
     if group.base == "mobile":
         moved = np.zeros((9, 6))
         moved[:7, 4] = 0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5
         moved[7:, 0] = 0.1, -0.1
-        moments, least = ["at the handle"] * 9, 9 + _QUALITY[0]
+        paths, radii = moved[None], (1.05,)
+    else:
+        side = -1.0 if group.hinge_side == "left" else 1.0
+        way = 1.0 if group.swing == "pull" else -1.0
+        arcs = handle_pose_on_arc(np.reshape(radii, (-1, 1)), _OPENED)
+        paths = arcs * [way, 1.0, side, 1.0, side * way, 1.0]
+    for number, (path, radius) in enumerate(zip(paths, radii, strict=True)):
+        moments = ["at the handle"] * len(path)
+        if group.base == "fixed":
+            degrees = np.degrees(_OPENED)
+            moments = [f"at {x:.0f}° of a door of {radius:g} m" for x in degrees]
+        least = len(path) + _QUALITY[0]
         try:
-            tries, _ = _search(robot, group, moved, moments, least=least, radius=1.05)
-        except ValueError as error:
-            return str(error)
-        return tries.stance(0, 1.05, _HEIGHTS[2])
-    side = -1.0 if group.hinge_side == "left" else 1.0
-    way = 1.0 if group.swing == "pull" else -1.0
-    opening = np.zeros((len(_RADII), len(_OPENED), 6))
-    opening[..., 0] = way * np.outer(_RADII, np.sin(_OPENED))
-    opening[..., 2] = -side * np.outer(_RADII, 1.0 - np.cos(_OPENED))
-    opening[..., 4] = side * way * _OPENED
-    for number, radius in enumerate(_RADII):
-        degrees = np.degrees(_OPENED)
-        moments = [f"at {x:.0f}° of a door of {radius:g} m" for x in degrees]
-        least = len(_OPENED) + _QUALITY[0]
-        try:
-            args = robot, group, opening[number], moments
+            args = robot, group, path, moments
             tries, scores = _search(*args, least=least, radius=radius)
         except ValueError as error:
             reason = str(error)
             continue
-        for nearer in opening[number + 1 :]:
-            scores = scores + tries.follow(_Arm.of(robot), nearer)[0]
+        for nearer in paths[number + 1 :]:
+            scores = scores + tries.follow(arm, nearer)[0]
         best = int(scores.argmax())
-        height = float(tries.handles[best, 2] + _Arm.of(robot).lift[1])
-        return tries.stance(best, radius, min(_HEIGHTS[2], height))
+        if group.base == "fixed":
+            height = min(height, float(tries.handles[best, 2] + arm.lift[1]))
+        return tries.stance(best, radius, height)
     return reason

@@ -12,14 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.conventions.constants import Array, Base
-from gplfd_env.robot.config import (
-    BASE_RADIUS,
-    Capsule,
-    RobotConfig,
-    Vector,
-    grasp_axes,
-)
+from gplfd_env.conventions.constants import Base
+from gplfd_env.robot.config import BASE_RADIUS, Capsule, RobotConfig, Vector, grasp_axes
 from gplfd_env.robot.description import (
     described_robot,
     lineage,
@@ -28,6 +22,8 @@ from gplfd_env.robot.description import (
     urdf_path,
 )
 from gplfd_env.robot.search import searched_stance
+
+Arm = tuple[tuple[str, str], ...]  # Turning joints, each with the link that it moves.
 
 # Distance of the grasped point from the flange of the generic gripper [m].
 _GRIPPER_REACH: Final = 0.16
@@ -71,50 +67,32 @@ def robot_of_urdf(
     Raises a ValueError if the file is not a URDF, or an argument does not fit it.
     """
     path = urdf_path(os.fspath(path))
-    urdf, tool = read_urdf(str(path)), prefixed(tool)
-    strokes = _strokes(urdf, path.name, fingers, grasp_point)
-    if fingers:
-        joint = urdf.joint_map[prefixed(fingers[0])]
-        tool, approach = tool or joint.parent, approach or (0.0, 0.0, 1.0)
-        axes = urdf.get_transform(joint.child, tool)[:3, :3]
-        closing = axes @ joint.axis if closing is None else closing
-    arm, tool = _arm_of(urdf, path.name, tool)
-    approach = _unit("approach", approach or _outwards(urdf, arm, tool))
-    across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
-    closing = _unit("closing", across if closing is None else closing)
-    if abs(np.dot(approach, closing)) > 1e-6:
-        raise ValueError(
-            f"approach {approach}, closing {closing} must be perpendicular"
-        )
-    hand: dict[str, Any] = {
-        "tool": "gripper_link",
-        "flange": tool,
-        "flange_axes": (approach, closing),
-        "grasp_point": (0.0, 0.0, -_GRIPPER_REACH),
-        "approach": (0.0, 0.0, -1.0),
-    }
-    if fingers:
-        hand = {
-            "tool": tool,
-            "fingers": tuple(map(prefixed, fingers)),
-            "finger_stroke": min(0.045, *strokes),
-            "grasp_point": tuple(np.array(grasp_point, dtype=float).tolist()),
-            "approach": approach,
-            "closing": closing,
-        }
-    axes = grasp_axes(approach, closing) if fingers else np.eye(3)
+    urdf = read_urdf(str(path))
+    held = fingers, grasp_point, approach, closing
+    arm, hand = _hand_of(urdf, path.name, prefixed(tool), *held)
+    capsules = [
+        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
+        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
+    ]
+    for (_, link), (_, following) in itertools.pairwise(arm):
+        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
+        if math.hypot(x, y, z) > _LINK_RADIUS:
+            ends = (0.0, 0.0, 0.0, x, y, z)
+            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
+    # On the stand is the root, unless the arm's base is far from it or moves.
+    bases, joints = lineage(urdf, urdf.joint_map[arm[0][0]].parent), urdf.joint_map
+    moves = any(x.type != "fixed" for x in joints.values() if x.child in bases)
+    far = urdf.get_transform(bases[0], urdf.base_link)[2, 3] > 0.5
     robot = RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
         content=path.read_bytes(),
-        base_link=_base_of(urdf, arm[0][0]),
+        base_link=bases[0] if moves or far else "",
         base=base,
         arm=tuple(joint for joint, _ in arm),
         armature=(_ARMATURE,) * len(arm),
         forearm=arm[len(arm) // 2][1],
-        capsules=_capsules(urdf, arm),
-        sensor=hand["tool"],
-        hand_camera=_camera(axes, np.array(hand["grasp_point"])),
+        capsules=tuple(capsules),
         effort=_limits(urdf, path.name, arm, "effort", "N m", effort),
         velocity=_limits(urdf, path.name, arm, "velocity", "rad/s", velocity),
         search=searched_stance,
@@ -127,10 +105,16 @@ def robot_of_urdf(
     return robot
 
 
-def _strokes(
-    urdf: Any, file: str, fingers: tuple[str, str] | None, grasp_point: Vector | None
-) -> list[float]:
-    """Return how far the fingers open [m]."""
+def _hand_of(
+    urdf: Any,
+    file: str,
+    tool: str,
+    fingers: tuple[str, str] | None,
+    grasp_point: Vector | None,
+    approach: Vector | None,
+    closing: Vector | None,
+) -> tuple[Arm, dict[str, Any]]:
+    """Return the arm up to the hand, and the fields of a `RobotConfig` for the hand."""
     strokes = []
     for finger in map(prefixed, fingers or ()):
         joint = urdf.joint_map.get(finger)
@@ -141,28 +125,53 @@ def _strokes(
                 f"{file}: fingers are two prismatic joints that open from zero, got "
                 f"{finger!r}; give grasp_point, where they meet in the tool's frame"
             )
-    return strokes
-
-
-def _camera(axes: Array, point: Array) -> Any:
-    """Return a camera beside the palm that looks at the finger tips."""
+    if fingers:
+        joint = urdf.joint_map[prefixed(fingers[0])]
+        tool, approach = tool or joint.parent, approach or (0.0, 0.0, 1.0)
+        axes = urdf.get_transform(joint.child, tool)[:3, :3]
+        closing = axes @ joint.axis if closing is None else closing
+    arm, tool = _arm_of(urdf, file, tool)
+    if not approach:
+        # The axis of the tool that leads away from the last joint.
+        (_, before), (last, link) = arm[-2:]
+        pose, axis = urdf.get_transform(tool, link), np.array(urdf.joint_map[last].axis)
+        away = pose[:3, 3]
+        if np.linalg.norm(away) < 0.02:
+            along = axis @ urdf.get_transform(before, link)[:3, 3]
+            away = axis * -np.sign(along) if abs(along) > 1e-3 else pose[:3, 2]
+        away = pose[:3, :3].T @ away
+        direction, most = np.zeros(3), int(np.abs(away).argmax())
+        direction[most] = math.copysign(1.0, away[most])
+        approach = _unit("approach", direction)
+    approach = _unit("approach", approach)
+    across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
+    closing = _unit("closing", across if closing is None else closing)
+    if abs(np.dot(approach, closing)) > 1e-6:
+        raise ValueError(
+            f"approach {approach}, closing {closing} must be perpendicular"
+        )
+    axes, point = np.eye(3), np.array([0.0, 0.0, -_GRIPPER_REACH])
+    hand: dict[str, Any] = {
+        "tool": "gripper_link",
+        "flange": tool,
+        "flange_axes": (approach, closing),
+        "approach": (0.0, 0.0, -1.0),
+    }
+    if fingers:
+        axes, point = grasp_axes(approach, closing), np.array(grasp_point, dtype=float)
+        hand = {
+            "tool": tool,
+            "fingers": tuple(map(prefixed, fingers)),
+            "finger_stroke": min(0.045, *strokes),
+            "approach": approach,
+            "closing": closing,
+        }
+    # The camera is beside the palm and looks at the finger tips.
     place = point + axes @ [0.0, -0.12, 0.175]
-    vectors = place, -axes[:, 0], axes @ [0.0, -0.83, -0.56]
-    return tuple(tuple(vector.tolist()) for vector in vectors)
-
-
-def _capsules(urdf: Any, arm: list[tuple[str, str]]) -> tuple[Capsule, ...]:
-    """Return capsules around the stand and between the joints of an arm."""
-    capsules = [
-        Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
-        Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
-    ]
-    for (_, link), (_, following) in itertools.pairwise(arm):
-        x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
-        if math.hypot(x, y, z) > _LINK_RADIUS:
-            ends = (0.0, 0.0, 0.0, x, y, z)
-            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
-    return tuple(capsules)
+    camera = place, -axes[:, 0], axes @ [0.0, -0.83, -0.56]
+    hand["grasp_point"], hand["sensor"] = tuple(point.tolist()), hand["tool"]
+    hand["hand_camera"] = tuple(tuple(vector.tolist()) for vector in camera)
+    return arm, hand
 
 
 def _unit(what: str, vector: Any) -> Vector:
@@ -187,7 +196,7 @@ _RIGHT: Final = re.compile("(?i:right)|(?<![A-Za-z])[rR](?![a-z])")
 _SIDE: Final = re.compile("(?i:left|right)|(?<![A-Za-z])[lrLR](?![a-z])")
 
 
-def _arm_of(urdf: Any, file: str, tool: str) -> tuple[list[tuple[str, str]], str]:
+def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
     """Return the turning joints up to a tool, with their links, and the tool.
 
     If no tool is given, it is the link before the gripper of the chain with most
@@ -199,83 +208,54 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[list[tuple[str, str]], str
     above = {joint.child: joint for joint in joints}
     parents = {joint.parent for joint in joints}
     mimicked = {joint.mimic.joint for joint in joints if joint.mimic is not None}
+    moved = [joint.child for joint in joints if joint.type != "fixed"]
+    moving = {link for child in moved for link in lineage(urdf, child)}
+    branching = [joint.parent for joint in joints if joint.child in moving]
     if tool and tool not in urdf.link_map:
         links = ", ".join(urdf.link_map)
         raise ValueError(f"{file} has no link {tool!r}; it has {links}; give a tool")
 
-    def chain(link: str) -> list[Any]:
-        return [*chain(above[link].parent), above[link]] if link in above else []
-
-    moving: set[tuple[str, str]] = set()  # Links and children with a moving part.
-    for joint in joints:
-        if joint.type != "fixed":
-            moving |= {(over.parent, over.child) for over in chain(joint.child)}
-
-    def arm_to(link: str) -> tuple[list[tuple[str, str]], str]:
-        arm: list[tuple[str, str]] = []
-        for joint in chain(link):
+    def arm_to(end: str) -> tuple[Arm, str]:
+        arm: Arm = ()
+        for link in reversed(lineage(urdf, end)[:-1]):
+            joint = above[link]
             turns = joint.type in ("revolute", "continuous")
-            branches = sum(parent == joint.parent for parent, _ in moving)
             ends = (
-                joint.type not in ("fixed", "revolute", "continuous")
+                not (turns or joint.type == "fixed")
+                or branching.count(joint.parent) > 1
                 or joint.mimic is not None
                 or joint.name in mimicked
                 or (joint.type != "fixed" and _HAND.search(joint.name))
-                or (len(arm) >= 6 and _HAND.search(joint.child))
+                or (len(arm) >= 6 and _HAND.search(link))
             )
-            if not tool and len(arm) >= 5 and (ends or branches > 1):
+            if not tool and len(arm) >= 5 and ends:
                 return arm, joint.parent
             if turns and joint.mimic is None:
-                arm.append((joint.name, joint.child))
-        return arm, link
+                arm += ((joint.name, link),)
+        return arm, end
 
-    arms: dict[tuple[tuple[str, str], ...], str] = {}
+    arms: dict[Arm, str] = {}
     for link in [tool] if tool else [n for n in urdf.link_map if n not in parents]:
         arm, end = arm_to(link)
-        key = tuple(arm)
         # The link before a gripper, else the last link in the file: often the flange.
-        if arms.get(key) is None or arms[key] not in parents or end in parents:
-            arms[key] = end
+        if arms.get(arm) is None or arms[arm] not in parents or end in parents:
+            arms[arm] = end
     most = max(map(len, arms))
-    longest = {key: end for key, end in arms.items() if len(key) == most}
+    longest = {arm: end for arm, end in arms.items() if len(arm) == most}
     ends = list(longest.values())
     if most < 6:
         raise ValueError(
             f"{file}: {most} turning joints lead to {ends[-1]!r}, fewer than six: give "
             "tool, the link of the hand"
         )
-    if len({_SIDE.sub("*", key[-1][0]) for key in longest}) > 1 or len(ends) > 2:
+    if len({_SIDE.sub("*", arm[-1][0]) for arm in longest}) > 1 or len(ends) > 2:
         raise ValueError(
             f"{file}: {', '.join(ends)} are ends of equally long chains; give one "
             f'as tool, in a .json: {{"path": "{file}", "tool": "{ends[-1]}"}}'
         )
     # Of two arms the right one.
-    right = max(longest, key=lambda key: bool(_RIGHT.search(key[-1][0])))
-    return list(right), longest[right]
-
-
-def _outwards(urdf: Any, arm: list[tuple[str, str]], tool: str) -> Vector:
-    """Return the axis of a tool that leads away from the last joint."""
-    (_, before), (last, link) = arm[-2:]
-    pose, axis = urdf.get_transform(tool, link), np.array(urdf.joint_map[last].axis)
-    away = pose[:3, 3]
-    if np.linalg.norm(away) < 0.02:
-        along = axis @ urdf.get_transform(before, link)[:3, 3]
-        away = axis * -np.sign(along) if abs(along) > 1e-3 else pose[:3, 2]
-    away = pose[:3, :3].T @ away
-    direction = np.zeros(3)
-    most = int(np.abs(away).argmax())
-    direction[most] = math.copysign(1.0, away[most])
-    return _unit("approach", direction)
-
-
-def _base_of(urdf: Any, first: str) -> str:
-    """Return the link on the stand: "" for the root, unless it is far or moves."""
-    base, *above = lineage(urdf, urdf.joint_map[first].parent)
-    moving = {x.child for x in urdf.joint_map.values() if x.type != "fixed"}
-    moves = not moving.isdisjoint((base, *above))
-    far = urdf.get_transform(base, urdf.base_link)[2, 3] > 0.5
-    return base if moves or far else ""
+    right = max(longest, key=lambda arm: bool(_RIGHT.search(arm[-1][0])))
+    return right, longest[right]
 
 
 # Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
@@ -286,7 +266,7 @@ _MOST_TURNED: Final = 4 * math.pi
 def _limits(
     urdf: Any,
     file: str,
-    arm: list[tuple[str, str]],
+    arm: Arm,
     what: str,
     unit: str,
     limits: float | Mapping[str, float] | None,
