@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from gplfd_experiments.analysis.report.doors import ordered, tier_tables
+from gplfd_experiments.analysis.report.sections import ordered, tier_tables
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
-    of_trial,
+    of_trials,
     success_measure,
 )
 from gplfd_experiments.cli.main import main
@@ -64,7 +64,7 @@ def test_a_table_per_tier_has_successes_and_radial_force(heavy):
 
 def test_who_opens_no_door_is_last_however_gentle(heavy):
     trial = replace(TRIALS["heavy"], measures=(RADIAL, "success"))
-    [runs] = ordered(trial, of_trial(read_results(heavy).episodes, "heavy")).values()
+    [runs] = ordered(trial, of_trials(read_results(heavy))["heavy"]).values()
     assert [*runs][-1] == "hinge-fit"
 
 

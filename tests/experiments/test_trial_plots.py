@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_experiments.analysis.report.doors import ordered, trial_table
 from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
+from gplfd_experiments.analysis.report.sections import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
-from gplfd_experiments.analysis.results.trials import Answer, of_trial, summary
+from gplfd_experiments.analysis.results.trials import Answer, of_trials, summary
 from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
 FORCE = "person_force_peak"
@@ -41,7 +41,7 @@ def results(write_study, episode_result):
 def levels(results):
     """The same by level and policy, in the order in which they are shown."""
     return lambda *measure, **values: ordered(
-        TRIAL, of_trial(results(*measure, **values).episodes, "person")
+        TRIAL, of_trials(results(*measure, **values))["person"]
     )
 
 
@@ -99,7 +99,7 @@ def answer(policy, low, high, measure=FORCE):
     middle = 0.5 * (low + high) if math.isfinite(low) else 2.0
     sides = {"having": Side(policy="gp"), "lacking": Side(policy=policy)}
     contrast = Contrast(idea="softness", measure=measure, **sides)
-    shift = Shift(estimate=middle, low=low, high=high, n=20)
+    shift = Shift(estimate=middle, low=low, high=high)
     return Answer(contrast=contrast, shift=shift, changes={})
 
 

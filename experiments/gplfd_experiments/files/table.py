@@ -25,7 +25,8 @@ class Table:
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, str]]) -> "Table":
         """Return the table of rows with the same keys."""
-        return cls(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
+        heads = tuple(rows[0]) if rows else ()
+        return cls(columns=heads, rows=tuple(tuple(row.values()) for row in rows))
 
 
 FIRST: Final = 5

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gplfd_experiments.analysis.report.page import write_report
-from gplfd_experiments.analysis.report.predictions import overview
+from gplfd_experiments.analysis.report.sections import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG

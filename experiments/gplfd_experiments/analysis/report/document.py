@@ -10,13 +10,13 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from gplfd_experiments.analysis.results.measures import Measure, counted
+from gplfd_experiments.analysis.results.measures import ResultT
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_policies.registry.catalogue import POLICIES
 
@@ -69,13 +69,8 @@ class Document:
     sections: Sequence[Section]
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table with a row per policy."""
-
-    heading: str
-    cell: Callable[[Sequence[Any]], str]
-    """Returns the text of a cell from the results of a policy that count."""
+Cells = Sequence[tuple[str, str]]
+"""Headings and cells of a row."""
 
 
 def code(text: object) -> str:
@@ -88,6 +83,11 @@ def literal(text: object) -> str:
     return re.sub(r"([\\`*\[\]])", r"\\\1", " ".join(str(text).split()))
 
 
+def told(policy: str) -> bool:
+    """Return whether a policy knows the door: it is listed, but never the reference."""
+    return policy in POLICIES and POLICIES[policy].told
+
+
 def kind_of(policy: str) -> str:
     """Return the kind of a policy: method, ablation, reference, told or own."""
     if told(policy):
@@ -95,47 +95,33 @@ def kind_of(policy: str) -> str:
     return POLICIES[policy].kind if policy in POLICIES else "own"
 
 
-def told(policy: str) -> bool:
-    """Return whether a policy knows the door: it is listed, but never the reference."""
-    return policy in POLICIES and POLICIES[policy].told
-
-
-def measure_column(
-    number: Callable[[Measure, Sequence[Any]], float | None], *measures: Measure
-) -> Column:
-    """Return a column with a statistic of a measure; those of others are below it."""
-    return Column(
-        "\n".join(measure.column for measure in measures),
-        lambda results: "\n".join(m.text(number(m, results)) for m in measures),
-    )
-
-
 def policy_table(
-    groups: Mapping[str, Mapping[str, Sequence[Any]]],
-    columns: Sequence[Column],
+    groups: Mapping[str, Mapping[str, Sequence[ResultT]]],
+    row: Callable[[Sequence[ResultT]], Cells],
     *,
     title: str = "",
     note: str = "",
 ) -> Table:
     """Return a row per policy, in groups under headings unless there is only one.
 
-    Errors are counted below the policy's name; a policy without results has dashes.
+    ``row`` returns the cells of the results of a policy that count. Errors are counted
+    below the policy's name; a policy without results has dashes.
     """
+    columns = ("policy", *(heading for heading, _ in row(())))
     rows: list[tuple[str, ...]] = []
     for heading, runs in groups.items():
         if len(groups) > 1 and heading:
-            rows.append((f"**{literal(heading)}**", *[""] * len(columns)))
-        for policy, counting in counted(runs).items():
-            kind, results = kind_of(policy), runs[policy]
+            rows.append((f"**{literal(heading)}**", *[""] * (len(columns) - 1)))
+        for policy, results in runs.items():
+            kind, counting = kind_of(policy), [r for r in results if r.counts]
             name = code(policy) if kind == "method" else f"{code(policy)} ({kind})"
             lost = sum(result.lost for result in results)
             errors = sum(bool(result.error) for result in results) - lost
             for what, number in (("errors", errors), ("lost", lost)):
                 name += f"\n{what}: {number}" if number else ""
-            cells = (column.cell(counting) if counting else "–" for column in columns)
+            cells = (cell if counting else "–" for _, cell in row(counting))
             rows.append((name, *cells))
-    heads = ("policy", *(column.heading for column in columns))
-    return Table(columns=heads, rows=tuple(rows), title=title, note=note)
+    return Table(columns=columns, rows=tuple(rows), title=title, note=note)
 
 
 _MARK: Final = re.compile(r"\\(?P<plain>.)|`(?P<code>[^`]*)`|(?P<bold>\*\*)")

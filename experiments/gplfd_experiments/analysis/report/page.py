@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.analysis.report import doors, predictions
+from gplfd_experiments.analysis.report import sections
 from gplfd_experiments.analysis.report.document import (
     FIGURES,
     Block,
@@ -23,7 +23,6 @@ from gplfd_experiments.analysis.report.document import (
 from gplfd_experiments.analysis.results.measures import (
     by_condition,
     by_policy,
-    counted,
     grouped,
     ranked,
     remarks,
@@ -77,9 +76,9 @@ def report(results: StudyResults, reference: str) -> Document:
         )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
     conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
-    lead = [*_warnings(results), *doors.tier_tables(results)]
+    lead = [*_warnings(results), *sections.tier_tables(results)]
     if conditions:
-        lead.append(doors.summary_table(conditions))
+        lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
     if reference not in policies:
         ranking = [*next(iter(conditions.values()), {}), *policies]
@@ -107,23 +106,23 @@ def report(results: StudyResults, reference: str) -> Document:
         made = shlex.join(map(str, command))
     lead += [Text(text), Text(made, "verbatim")]
 
-    sections = doors.trial_sections(results, reference)
+    questions = sections.trial_sections(results, reference)
     if conditions:
-        sections.append(doors.doors_section(conditions, reference))
+        questions.append(sections.doors_section(conditions, reference))
         tests = [
-            doors.paired_tests(title, counted(runs), reference)
+            sections.paired_tests(title, runs, reference)
             for title, runs in conditions.items()
         ]
-        sections.append(Section("Paired tests", tests))
+        questions.append(Section("Paired tests", tests))
     if results.recorded:
-        sections.append(predictions.recorded_section(results.recorded))
+        questions.append(sections.recorded_section(results.recorded))
     if results.tests:
-        sections.append(predictions.table_one_section(results.tests))
-        sections.append(predictions.learning_section(results.tests))
-    sections.append(Section(_ORIGIN, _origin(results)))
+        questions.append(sections.table_one_section(results.tests))
+        questions.append(sections.learning_section(results.tests))
+    questions.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
-    return Document(title, lead, sections)
+    return Document(title, lead, questions)
 
 
 def unfinished(results: StudyResults) -> str:

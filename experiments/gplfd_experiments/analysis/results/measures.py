@@ -8,7 +8,6 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
@@ -78,13 +77,13 @@ class Measure:
 
     def of(self, result: TaskResult) -> float | None:
         """Return the number; None if it is missing."""
-        value = result.number(self.metric)
-        if self.if_opened and result.number("time_to_60_deg") is None:
-            return None
-        return None if value is None else self.convert(value)
+        closed = self.if_opened and result.number("time_to_60_deg") is None
+        return None if closed else self.convert(result.number(self.metric))
 
-    def convert(self, value: float) -> float:
-        """Return a metric in the unit of the measure."""
+    def convert(self, value: float | None) -> float | None:
+        """Return a metric in the unit of the measure; None remains None."""
+        if value is None:
+            return None
         return self.scale * (math.sqrt(value) if self.root else float(value))
 
     def values(self, results: Iterable[TaskResult]) -> list[float]:
@@ -106,11 +105,6 @@ class Measure:
         """Return the typical value of a seed with its interval; None without any."""
         means = self.seed_means(results)
         return shift(means, [0.0] * len(means)) if means else None
-
-    def seed_value(self, results: Iterable[TaskResult]) -> float | None:
-        """Return the typical value of a seed; None without any."""
-        typical = self.typical(results)
-        return None if typical is None else typical.estimate
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Format a value, or a dash; optionally with its unit or more decimals."""
@@ -184,8 +178,8 @@ def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
         counting = [result for result in item[1] if result.counts]
         opened = sum(result.opened() for result in counting)
         closed = -opened / len(counting) if counting else 1.0
-        force = EPISODE_MEASURES["force_radial_peak"].seed_value(counting)
-        return closed, math.inf if force is None else force, item[0]
+        force = EPISODE_MEASURES["force_radial_peak"].typical(counting)
+        return closed, force.estimate if force else math.inf, item[0]
 
     return dict(sorted(by_policy(episodes).items(), key=order))
 
@@ -226,23 +220,18 @@ _OF_SOLVED: Final = (
     replace(EPISODE_MEASURES["force_tangential_peak"], short="tangential"),
     EPISODE_MEASURES["slip_max_mm"],
 )
-_OF_ALL: Final = (
-    *(
-        EPISODE_MEASURES["prediction_error_position"],
-        EPISODE_MEASURES["governed_share"],
-    ),
-    *(EPISODE_MEASURES["latency_median_ms"], EPISODE_MEASURES[WALL_TIME]),
-)
+_OF_ALL: Final = itemgetter(
+    *("prediction_error_position", "governed_share", "latency_median_ms", WALL_TIME)
+)(EPISODE_MEASURES)
 _OF_RUN: Final = (
-    *(EPISODE_MEASURES["final_angle_deg"], *_OF_SOLVED, EPISODE_MEASURES["radius"]),
+    EPISODE_MEASURES["final_angle_deg"],
+    *_OF_SOLVED,
+    EPISODE_MEASURES["radius"],
     replace(EPISODE_MEASURES["time_to_30_deg"], digits=1),
-    *(
-        EPISODE_MEASURES["prediction_error_position"],
-        EPISODE_MEASURES["latency_wall_p95_ms"],
-    ),
+    EPISODE_MEASURES["prediction_error_position"],
+    EPISODE_MEASURES["latency_wall_p95_ms"],
 )
 _WHY: Final = "not opened because"
-_Cell = Callable[[Mapping[str, Any]], str]
 
 
 def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
@@ -279,34 +268,29 @@ def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
 def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of `study_rows`, grouped if there are several kinds of doors."""
 
-    def text(measure: Measure, row: Mapping[str, Any]) -> str:
-        return measure.text(row[measure.metric])
+    def texts(measures: Iterable[Measure], row: Mapping[str, Any]) -> dict[str, str]:
+        return {
+            measure.column: measure.text(row[measure.metric]) for measure in measures
+        }
 
-    def texts(measures: Iterable[Measure]) -> dict[str, _Cell]:
-        return {measure.column: partial(text, measure) for measure in measures}
-
-    columns: dict[str, _Cell] = {
-        "policy": itemgetter("policy"),
-        "door": itemgetter("door"),
-        "opened": lambda row: f"{row['opened']}/{row['episodes']}",
-        **texts(_OF_SOLVED[:1]),
-        _WHY: itemgetter("not_opened_because"),
-        **texts(_OF_SOLVED[1:]),
-        "95 %": itemgetter("interval"),
-        "errors": lambda row: str(row["errors"]),
-        **texts(_OF_ALL),
-    }
-    for heading, name in ((_WHY, "not_opened_because"), ("errors", "errors")):
-        if not any(row[name] for row in rows):
-            del columns[heading]
-    cells: list[tuple[str, ...]] = []
-    kinds = dict.fromkeys(row["door_kind"] for row in rows)
-    for kind in kinds:
-        if len(kinds) > 1:
-            cells.append((f"**{kind}**", *[""] * (len(columns) - 1)))
-        here = (row for row in rows if row["door_kind"] == kind)
-        cells += [tuple(cell(row) for cell in columns.values()) for row in here]
-    return Table(columns=tuple(columns), rows=tuple(cells))
+    kinds = list(dict.fromkeys(row["door_kind"] for row in rows))
+    shown: list[dict[str, str]] = []
+    previous = kinds[0] if len(kinds) == 1 else None
+    for row in sorted(rows, key=lambda row: kinds.index(row["door_kind"])):
+        cells = {"policy": row["policy"], "door": row["door"]}
+        cells |= {"opened": f"{row['opened']}/{row['episodes']}"}
+        cells |= texts(_OF_SOLVED[:1], row)
+        if any(other["not_opened_because"] for other in rows):
+            cells[_WHY] = row["not_opened_because"]
+        cells |= texts(_OF_SOLVED[1:], row) | {"95 %": row["interval"]}
+        if any(other["errors"] for other in rows):
+            cells["errors"] = str(row["errors"])
+        cells |= texts(_OF_ALL, row)
+        if row["door_kind"] != previous:
+            previous = row["door_kind"]
+            shown.append(dict.fromkeys(cells, "") | {"policy": f"**{previous}**"})
+        shown.append(cells)
+    return Table.of(shown)
 
 
 def remarks(results: Sequence[EpisodeResult]) -> list[str]:
@@ -335,8 +319,7 @@ def run_table(metrics: Sequence[Mapping[str, Any]]) -> Table:
         opened = "yes" if episode["success"] else "no"
         cells = {"door": episode["door"], "opened": opened}
         for measure in _OF_RUN:
-            value = episode.get(measure.metric)
-            number = None if value is None else measure.convert(value)
+            number = measure.convert(episode.get(measure.metric))
             cells[measure.column.replace(" [", "\n[")] = measure.text(number)
             if any_closed and len(cells) == 4:  # among the first, which are printed
                 cells[_WHY] = why_closed(episode["failure"], episode.get("reason", ""))

@@ -1,8 +1,10 @@
 """Paired tests and intervals, exact where the number of pairs allows it."""
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -19,7 +21,7 @@ Key = tuple[int, str]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shift:
-    """Typical difference of n pairs, first minus second, and its 95 % interval.
+    """Typical difference of pairs, first minus second, and its 95 % interval.
 
     With fewer than `FEWEST_PAIRS` pairs the interval is infinite.
     """
@@ -27,7 +29,6 @@ class Shift:
     estimate: float
     low: float
     high: float
-    n: int
 
     def interval(self, digits: int) -> str:
         """The ends as text; "" for too few pairs or too many failures."""
@@ -50,32 +51,20 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
     return f"{rounded:{plus}.{digits}f}".replace("-", "−")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pairs:
-    """Values of two policies at their common tasks, and the seeds of these tasks."""
+def paired(
+    first: Mapping[Key, float], second: Mapping[Key, float]
+) -> tuple[list[float], list[float]]:
+    """Return the means of two policies over the common tasks of each common seed.
 
-    seeds: tuple[int, ...]
-    first: tuple[float, ...]
-    second: tuple[float, ...]
-
-    def per_seed(self) -> tuple[list[float], list[float]]:
-        """Return means over each seed, because its doors share the demonstrations."""
-        first, second = np.array(self.first), np.array(self.second)
-        seeds = [np.equal(self.seeds, seed) for seed in dict.fromkeys(self.seeds)]
-        return (
-            [float(np.mean(first[rows])) for rows in seeds],
-            [float(np.mean(second[rows])) for rows in seeds],
-        )
-
-
-def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:
-    """Return the values of two policies at their common tasks."""
-    shared = sorted(first.keys() & second.keys())
-    return Pairs(
-        seeds=tuple(seed for seed, _ in shared),
-        first=tuple(first[key] for key in shared),
-        second=tuple(second[key] for key in shared),
+    Tasks of a seed share the demonstrations, so that seeds are the pairs of a test.
+    """
+    common = sorted(first.keys() & second.keys())
+    seeds = [[*keys] for _, keys in itertools.groupby(common, itemgetter(0))]
+    first_means, second_means = (
+        [float(np.mean([values[key] for key in keys])) for keys in seeds]
+        for values in (first, second)
     )
+    return first_means, second_means
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -179,7 +168,7 @@ def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
     if n >= FEWEST_PAIRS:
         cut = _signed_rank_quantile(n)
         low, high = float(means[cut - 1]), float(means[means.size - cut])
-    return Shift(estimate=float(np.median(means)), low=low, high=high, n=n)
+    return Shift(estimate=float(np.median(means)), low=low, high=high)
 
 
 def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
@@ -194,7 +183,7 @@ def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
     if n >= FEWEST_PAIRS:
         quantile = float(t.ppf(0.5 + 0.5 * _LEVEL, n - 1))
         reach = quantile * float(np.std(differences, ddof=1)) / math.sqrt(n)
-    return Shift(estimate=mean, low=mean - reach, high=mean + reach, n=n)
+    return Shift(estimate=mean, low=mean - reach, high=mean + reach)
 
 
 def _signed_rank_quantile(n: int) -> int:

@@ -12,6 +12,7 @@ from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     Runs,
     by_policy,
+    grouped,
 )
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
@@ -26,7 +27,6 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.trials.protocol import (
-    TIERS,
     TRIALS,
     VERSION,
     Contrast,
@@ -76,20 +76,17 @@ class Answer:
         return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
 
 
-def of_trial(episodes: Sequence[EpisodeResult], name: str) -> ByLevel:
-    """Return the episodes of a trial by level and policy, in the order of the trial."""
-    ran = [episode for episode in episodes if episode.task.trial == name]
-    levels = {
-        level: by_policy(episode for episode in ran if episode.task.level == level)
-        for level in dict.fromkeys((*TRIALS[name].levels, *(r.task.level for r in ran)))
-    }
-    return {level: runs for level, runs in levels.items() if runs}
-
-
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
-    """Return the episodes of every trial in a study."""
-    trials = {name: of_trial(results.episodes, name) for name in TRIALS}
-    return {name: levels for name, levels in trials.items() if levels}
+    """Return the episodes of every trial in a study, levels in the trial's order."""
+    trials: dict[str, ByLevel] = {}
+    ran = grouped(results.episodes, lambda episode: episode.task.trial)
+    for name in (name for name in TRIALS if name in ran):
+        levels = grouped(ran[name], lambda episode: episode.task.level)
+        order = dict.fromkeys((*TRIALS[name].levels, *levels))
+        trials[name] = {
+            level: by_policy(levels[level]) for level in order if level in levels
+        }
+    return trials
 
 
 def answered(contrast: Contrast, levels: ByLevel) -> Answer:
@@ -107,17 +104,18 @@ def answered(contrast: Contrast, levels: ByLevel) -> Answer:
             if (value := measure.of(e)) is not None
         }
 
-    pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
+    having, lacking = numbers(contrast.having), numbers(contrast.lacking)
+    means = paired(having, lacking)
     difference = None
-    if pairs.seeds:
-        difference = (mean_shift if measure.share else shift)(*pairs.per_seed())
+    if means[0]:
+        difference = (mean_shift if measure.share else shift)(*means)
     changes: dict[str, int] = {}
     if contrast.measure == "success" and contrast.lacking.level:
-        both = list(zip(pairs.first, pairs.second, strict=True))
+        both = having.keys() & lacking.keys()
         changes = {
-            "gained": sum(having > lacking for having, lacking in both),
-            "forgotten": sum(having < lacking for having, lacking in both),
-            "opened before": sum(lacking > 0.0 for _, lacking in both),
+            "gained": sum(having[door] > lacking[door] for door in both),
+            "forgotten": sum(having[door] < lacking[door] for door in both),
+            "opened before": sum(lacking[door] > 0.0 for door in both),
         }
     return Answer(contrast=contrast, shift=difference, changes=changes)
 
@@ -147,31 +145,6 @@ def deciding_measure(trial: Trial) -> str:
 def succeeded(episode: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded by the trial's measure."""
     return bool(episode.number(success_measure(TRIALS[episode.task.trial])))
-
-
-def tier_runs(results: StudyResults) -> dict[str, Runs]:
-    """Return each tier's episodes of policies that took part in all its levels.
-
-    Levels with a prior mean are excluded, because not all policies accept one.
-    """
-    tiers: dict[str, Runs] = {}
-    for tier, names in TIERS.items():
-        ran = [
-            episode
-            for episode in results.episodes
-            if episode.task.trial in names
-            and episode.counts
-            and episode.task.prior_radius is None
-        ]
-        every = {(e.task.trial, e.task.level) for e in ran}
-        complete = {
-            policy: group
-            for policy, group in by_policy(ran).items()
-            if {(e.task.trial, e.task.level) for e in group} == every
-        }
-        if ran:
-            tiers[tier] = complete
-    return tiers
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:
