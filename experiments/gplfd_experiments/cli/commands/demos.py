@@ -42,7 +42,6 @@ class Import(ImportSettings):
     """Replace an existing set."""
 
     all: All = False
-
     quiet: Quiet = False
 
     def __post_init__(self) -> None:

@@ -36,9 +36,7 @@ class Run(RunSettings):
     it if that exists."""
 
     all: All = False
-
     json: Json = False
-
     quiet: Quiet = False
 
     def execute(self) -> int:

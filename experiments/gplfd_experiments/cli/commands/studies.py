@@ -46,11 +46,8 @@ class Benchmark:
     """Folder to write to; an unfinished study in it is resumed."""
 
     where: Where = ON_THIS_MACHINE
-
     all: All = False
-
     json: Json = False
-
     quiet: Quiet = False
 
     def execute(self) -> int:
@@ -115,9 +112,7 @@ class Trials:
     .json of an arm."""
 
     where: Where = ON_THIS_MACHINE
-
     json: Json = False
-
     quiet: Quiet = False
 
     def execute(self) -> int:
@@ -171,9 +166,7 @@ class SkillTests:
     """Folder to write to; unfinished tests in it are resumed."""
 
     where: Where = ON_THIS_MACHINE
-
     all: All = False
-
     quiet: Quiet = False
 
     def execute(self) -> int:
