@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Info = dict[str, Any]
+Vector = tuple[float, float, float]
 
 Control = Literal["pose", "impedance"]
 """What an action commands: poses, or poses and stiffnesses."""

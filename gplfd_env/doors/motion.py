@@ -27,7 +27,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfit, polyval
 from numpy.typing import ArrayLike
 
-from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array
+from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array, Vector
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -41,8 +41,6 @@ from gplfd_env.conventions.one_and_many import (
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
 from gplfd_env.spatial.se3 import compose_rotvecs
-
-Triple = tuple[float, float, float]
 
 _ALONG_AT_SUCCESS: Final = 0.8656293468  # Root u of 2u² - u³ = 0.85.
 _FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE
@@ -66,8 +64,8 @@ class Link(NamedTuple):
 
     name: str  # Name of the MuJoCo joint; the coordinate of "hinge" is φ.
     slides: bool  # Whether it slides along the axis; else it turns about it.
-    axis: Triple  # In the door frame; its origin is the hand at the closed door.
-    anchor: Triple  # A point of the axis, door frame [m].
+    axis: Vector  # In the door frame; its origin is the hand at the closed door.
+    anchor: Vector  # A point of the axis, door frame [m].
     gains: tuple[float, ...]  # g₁, g₂, ...: the joint position is Σ gₖ φᵏ [m, rad].
 
 

@@ -11,11 +11,9 @@ from typing import Any, Final, Literal, NamedTuple, get_args
 import numpy as np
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.conventions.constants import Array, Base
+from gplfd_env.conventions.constants import Array, Base, Vector
 from gplfd_env.doors.config import DoorConfig, Handle, HingeSide, Swing
 from gplfd_env.validation.fields import check_choice
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.robot.config import BASE_RADIUS, Capsule, RobotConfig, Vector, grasp_axes
+from gplfd_env.conventions.constants import Base, Vector
+from gplfd_env.robot.config import BASE_RADIUS, Capsule, RobotConfig, grasp_axes
 from gplfd_env.robot.description import (
     described_robot,
     lineage,

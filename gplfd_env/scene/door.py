@@ -92,7 +92,19 @@ def add_door(
     # Edges of the leaf at hinge and lock, relative to the handle's axis [m].
     edges = -door.radius - door.overhang, door.leaf.backset
     hinge_z, lock_z = _edges(door)
-    _add_frame(frame, door, hinge_z, lock_z)
+    # Jambs and lintel around the leaf; a sliding leaf is in front of the wall.
+    upright, out = [0.06, DOOR_HEIGHT / 2, _JAMB / 2], door.hinge_sign * _JAMB / 2
+    level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
+    halfway, above = DOOR_HEIGHT / 2 - door.handle_height, _top(door) + _JAMB / 2
+    x = -door.leaf.handle_standoff
+    if door.motion == "sliding":
+        x -= upright[0] + door.leaf.thickness / 2 + _GAP
+    for name, y, z, size in (
+        ("jamb_hinge", halfway, hinge_z - out, upright),
+        ("jamb_lock", halfway, lock_z + out, upright),
+        ("lintel", above, (hinge_z + lock_z) / 2, level),
+    ):
+        add_box(frame, name, [x, y, z], size, _FRAME, mass=math.nan)
 
     leaf = _add_joints(spec, frame, door, robot)
     if door.level:
@@ -177,7 +189,6 @@ def _add_joint(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, link: Link, origin: Array
 ) -> None:
     """Add a joint to a body at an origin, door frame [m]; couple it to ``hinge``."""
-    kind = mujoco.mjtJoint
     kind, place = mujoco.mjtJoint.mjJNT_HINGE, np.array(link.anchor) - origin
     if link.slides:
         kind, place = mujoco.mjtJoint.mjJNT_SLIDE, np.zeros(3)
@@ -187,25 +198,6 @@ def _add_joint(
     names = {"name": link.name, "name1": link.name, "name2": "hinge"}
     tie = spec.add_equality(**names, **joints, **stiff)
     tie.data[: len(link.gains) + 1] = 0.0, *link.gains
-
-
-def _add_frame(
-    frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
-) -> None:
-    """Add jambs and lintel around the leaf's edges, task-frame z [m]."""
-    upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
-    level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
-    middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.hinge_sign * _JAMB / 2
-    x, above = -door.leaf.handle_standoff, -door.handle_height + DOOR_HEIGHT + _JAMB / 2
-    if door.motion == "sliding":
-        # The leaf slides in front of the wall.
-        x -= upright[0] + door.leaf.thickness / 2 + _GAP
-    for name, y, z, size in (
-        ("jamb_hinge", middle, hinge_z - out, upright),
-        ("jamb_lock", middle, lock_z + out, upright),
-        ("lintel", above, (hinge_z + lock_z) / 2, level),
-    ):
-        add_box(frame, name, [x, y, z], size, _FRAME, mass=math.nan)
 
 
 def _add_leaf(

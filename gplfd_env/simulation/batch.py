@@ -45,8 +45,7 @@ class SameStructureBatch:
         self.sensordata: Array = self._batch.bind("sensordata")
         self._applied: Array = self._batch.bind("xfrc_applied")
         self._bodies = self._robot.loaded_bodies(scene)
-        self._base_rate = self._robot.base_rate(scene)
-        self._fingers = self._robot.fingers(scene)
+        self._base_rate, self._fingers = self._robot.controls(scene)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)

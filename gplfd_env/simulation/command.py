@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control, Vector
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
@@ -147,9 +147,6 @@ class ServoGains:
         clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
         self._gain[:], self._biases[:, 0] = clamped, -clamped
         self._biases[:, 1] = np.sqrt(clamped) * _DAMPING_OF_ROOT
-
-
-Vector = tuple[float, float, float]
 
 
 class Loads(NamedTuple):

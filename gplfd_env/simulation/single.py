@@ -1,6 +1,5 @@
 """Physics and commands of one simulation, independent of the task."""
 
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -34,26 +33,21 @@ class Robot(NamedTuple):
         kind = {"grasp": self.hold, "control": self.command.control}
         return drawn | kind | {"robot": self.config}
 
-    def base_rate(self, model: mujoco.MjModel) -> slice:
-        """Return the slice of the controls with the base's rate; empty if fixed."""
-        return _controls(model, BASE_DRIVES if self.config.base == "mobile" else ())
-
     def loaded_bodies(self, model: mujoco.MjModel) -> tuple[int, ...]:
         """Return the bodies on which `Loads.wrenches` act."""
         names = self.config.tool, self.config.forearm, "door"
         return tuple(model.body(name).id for name in names)
 
-    def fingers(self, model: mujoco.MjModel) -> slice:
-        """Return the slice of the controls with the fingers; empty if they stay."""
-        return _controls(model, GRIPS if self.hold == "gripper" else ())
+    def controls(self, model: mujoco.MjModel) -> tuple[slice, slice]:
+        """Return the slices of the controls with the base's rate and the fingers.
 
-
-def _controls(model: mujoco.MjModel, actuators: Sequence[str]) -> slice:
-    """Return the slice of the controls of successive actuators."""
-    if not actuators:
-        return slice(0)
-    first = int(model.actuator_ctrladr[model.actuator(actuators[0]).id])
-    return slice(first, first + len(actuators))
+        They are empty if the base is fixed or the fingers stay.
+        """
+        drives = BASE_DRIVES if self.config.base == "mobile" else ()
+        grips = GRIPS if self.hold == "gripper" else ()
+        first = [model.actuator(x[0]).id if x else 0 for x in (drives, grips)]
+        rate, width = model.actuator_ctrladr[first].tolist()
+        return slice(rate, rate + len(drives)), slice(width, width + len(grips))
 
 
 class DoorSimulation:
@@ -77,8 +71,9 @@ class DoorSimulation:
         model, data = self.model, self.data
         self.sensordata: Array = data.sensordata
         self._pose: Array = data.ctrl[:6]
-        self._rate: Array = data.ctrl[self._robot.base_rate(model)]
-        self._fingers: Array = data.ctrl[self._robot.fingers(model)]
+        rate, fingers = self._robot.controls(model)
+        self._rate: Array = data.ctrl[rate]
+        self._fingers: Array = data.ctrl[fingers]
         bodies = self._robot.loaded_bodies(model)
         self._loaded = [data.xfrc_applied[body] for body in bodies]
         self._divergences = data.warning.number[BAD_STATE]

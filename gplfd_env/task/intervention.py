@@ -7,13 +7,13 @@ readings at its beginning.
 import math
 from typing import Any, Final
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Vector
 from gplfd_env.doors.disturbance import Person
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
-from gplfd_env.simulation.command import Loads, Vector
+from gplfd_env.simulation.command import Loads
 from gplfd_env.task.observation import DoorReading
 
 # Integration steps of the person's hand per control period: 0.2 ms, a fortieth of the
