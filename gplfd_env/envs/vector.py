@@ -1,6 +1,7 @@
 """Vector environments on `mujoco.batch.Batch`, as made by ``gym.make_vec``."""
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import gymnasium as gym
@@ -142,9 +143,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def qpos(self) -> Array:
         """Joint positions (n, nq) [m, rad], a copy; fewer are padded with zeros."""
-        rows = [self._batch.qpos_of(row) for row in range(self.num_envs)]
-        longest = max(map(len, rows))
-        return np.array([np.pad(row, (0, longest - len(row))) for row in rows])
+        return self._batch.read(None, of=attrgetter("qpos"))
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -1,6 +1,7 @@
 """n simulations of one robot, each with its own door, stepped on threads."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any, Final
 
 import mujoco
@@ -141,11 +142,6 @@ class DoorBatch:
         rows = enumerate(self._structure)
         return tuple(self._batches[of].models[row] for row, of in rows)
 
-    def qpos_of(self, row: int) -> Array:
-        """Return one simulation's joint positions, (nq,) [m, rad]; live."""
-        positions: Array = self._batches[self._structure[row]].qpos[row]
-        return positions
-
     def load(self, row: int, variation: Variation) -> None:
         """Change the door of a simulation to restart; ValueError if out of reach."""
         structure = structure_of(variation.door)
@@ -174,19 +170,22 @@ class DoorBatch:
                 diverged = bad if diverged is None else diverged | bad
         return diverged
 
-    def read(self, rows: Rows | None, values: Array | None = None) -> Array:
-        """Return sensor arrays, (n, ...), zero-padded; other rows keep `values`."""
+    def read(
+        self,
+        rows: Rows | None,
+        values: Array | None = None,
+        of: Callable[[SameStructureBatch], Array] = attrgetter("sensordata"),
+    ) -> Array:
+        """Return arrays of sensors, (n, ...), zero-padded; other rows keep `values`."""
         if len(self._batches) == 1 and rows is None:
-            (batch,) = self._batches.values()
-            return np.array(batch.sensordata)
-        used = [self._batches[structure] for structure in self._structure]
-        widest = max(batch.sensordata.shape[1] for batch in used)
+            return np.array(of(*self._batches.values()))
+        widest = max(of(self._batches[kind]).shape[1] for kind in set(self._structure))
         result = np.zeros((len(self._structure), widest))
         if values is not None:
             shared = min(widest, values.shape[1])
             result[:, :shared] = values[:, :shared]
         for batch, of_batch in self._shares(rows):
-            read = batch.sensordata
+            read = of(batch)
             result[of_batch] = 0.0
             result[of_batch, : read.shape[1]] = read[of_batch]
         return result

@@ -16,7 +16,7 @@ from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines import Engine
-from gplfd_experiments.studies.jobs import episode_log, run_job
+from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of
@@ -57,8 +57,8 @@ def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path, monke
     list(run_study(tmp_path / "alone", study[1:2]))
     together = timeless(tmp_path / "loky", study[1])
     assert together == timeless(tmp_path / "alone", study[1])
-    # Logs are those that the metrics come from.
-    log = episode_log(study[2])
+    agent = build.learned_agents(study[2], registry.policy_named("oracle"))()
+    (log,) = build.open_together(study[2:], [agent], forecast_period=0.05)
     metrics = timeless(tmp_path / "loky", study[2])["metrics"]
     assert metrics["success"]
     assert metrics["radius"] == study[2].door_config["radius"]

@@ -42,19 +42,24 @@ def forecast_errors(
     from the path of the forecast's mean; timing is ignored.
     """
     times, opened = log.forecasts.times, log.opening.door_angle
-    errors: list[float | None] = []
-    for angle in [progress * demonstrated_angle for progress in PROGRESS]:
-        errors.append(None)
+    errors: list[float | None] = [None] * len(PROGRESS)
+    scored: list[tuple[int, int, float]] = []
+    for number, angle in enumerate(demonstrated_angle * np.array(PROGRESS)):
         since = _first(log, opened >= angle)
         # Half a microsecond of tolerance, because both times are sums of steps.
-        if since is None or not (asked := times >= since - 5e-7).any():
-            continue
-        forecast = int(np.argmax(asked))
-        start = float(np.interp(times[forecast], log.times, opened))
-        if start < min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
-            rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
-            squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
-            errors[-1] = math.sqrt(float(squared.mean()))
+        if since is not None and (asked := times >= since - 5e-7).any():
+            forecast = int(np.argmax(asked))
+            start = float(np.interp(times[forecast], log.times, opened))
+            if start < min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
+                scored.append((number, forecast, start))
+    if not scored:
+        return tuple(errors)
+    starts = np.array([start for *_, start in scored])
+    arcs = np.linspace(starts, demonstrated_angle, _ARC_POINTS, axis=1)
+    paths = handle_path(log, arcs.ravel()).reshape(-1, _ARC_POINTS, 3)
+    for (number, forecast, _), rest in zip(scored, paths, strict=True):
+        squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
+        errors[number] = math.sqrt(float(squared.mean()))
     return tuple(errors)
 
 
@@ -79,12 +84,14 @@ def _plane(positions: FloatArray) -> NDArray[np.complex128]:
 
 def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
     """Return squared distances of points (N, 3) from a path with corners (M, 3)."""
-    start, step = path[:-1], np.diff(path, axis=0)
-    length = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
-    offset = points[:, None] - start
-    share = np.clip((offset * step).sum(axis=2) / length, 0.0, 1.0)
-    gap = offset - share[..., None] * step
-    return np.asarray((gap**2).sum(axis=2).min(axis=1))
+    start, step = path[:-1].T, np.diff(path, axis=0).T
+    length = np.maximum((step**2).sum(axis=0), np.finfo(float).tiny)
+    # By coordinate, because sums over a last axis of three are slow.
+    offset = [x[:, None] - first for x, first in zip(points.T, start, strict=True)]
+    along: Any = sum(x * s for x, s in zip(offset, step, strict=True))
+    share = np.clip(along / length, 0.0, 1.0)
+    gap: Any = sum((x - share * s) ** 2 for x, s in zip(offset, step, strict=True))
+    return np.asarray(gap.min(axis=1))
 
 
 _MOVED: Final = math.radians(1.0)  # Angle from which the door counts as moved [rad].

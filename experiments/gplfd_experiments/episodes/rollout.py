@@ -7,7 +7,7 @@ bit.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -15,20 +15,17 @@ from numpy.typing import NDArray
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_experiments.episodes.log import (
-    PER_STEP,
-    Decisions,
-    EpisodeLog,
-    Forces,
-    Forecasts,
-    Motion,
-    Opening,
-)
+from gplfd_experiments.episodes.log import PARTS, PER_STEP, EpisodeLog, Forecasts
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import AgentBatch, as_agent
+from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
-StepT = TypeVar("StepT")
+Flags = NDArray[np.bool_]
+
+_ALL: Final = np.array([True])
+_NO_FORECAST: Final[Any] = ((), (), (), ((),))
 
 
 def rollout(
@@ -63,26 +60,21 @@ def rollout(
     agent.inform(inner.door_geometry)
     agent.reset(observation)
     rows: list[Arrays] = []
-    forecasts = ForecastRecorder(agent.forecast, forecast_period)
+    forecasts = ForecastRecorder([agent.forecast], forecast_period)
     ended = truncated = False
     while True:
         now = float(observation["time"][0])
-        forecasts.take_if_due(now, force=ended)
+        forecasts.take_if_due(np.array([now]), info["door_angle"], np.array([ended]))
         decision, cpu, wall = _timed(partial(agent.act, observation))
-        measured = {
-            "times": now,
-            "qpos": inner.data.qpos,
-            "solved": info["success"],
-            "latency_s": cpu,
-            "latency_wall_s": wall,
-        }
-        rows.append(_row(observation, info, decision, measured))
+        state = {"times": now, "qpos": inner.data.qpos, "solved": info["success"]}
+        latency = {"latency_s": cpu, "latency_wall_s": wall}
+        rows.append(_row(observation, info, decision, state | latency))
         if on_step is not None:
             on_step(now, float(info["door_angle"]))
         if ended:
             names = {"policy": policy, "door": door, "seed": seed}
             arrays = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
-            return _log(arrays, forecasts, info, inner.door, truncated, **names)
+            return _log(arrays, forecasts.of(0), info, inner.door, truncated, **names)
         observation, _, terminated, truncated, info = env.step(
             decision.command(agent.control)
         )
@@ -97,13 +89,16 @@ def rollouts(
     doors: Sequence[str],
     seeds: Sequence[int],
     forecast_period: float | None = 0.35,
+    forecast_angles: FloatArray | None = None,
     before_step: Callable[[], None] = lambda: None,
 ) -> tuple[EpisodeLog, ...]:
     """Let every agent open its door once, and log each episode as `rollout` does.
 
     The N simulations have ``autoreset_mode="Disabled"``. Without a period [s] there are
-    no forecasts. `before_step` is called before the first reset and every decision.
-    ``latency_s`` and ``latency_wall_s`` are each agent's share of the batch's decision.
+    no forecasts; with angles of the doors (N, P) [rad], only the first ones after
+    they have been reached. `before_step` is called before the first reset and every
+    decision. ``latency_s`` and ``latency_wall_s`` are each agent's share of the batch's
+    decision.
 
     Raises:
         ValueError: The simulations reset automatically.
@@ -118,28 +113,21 @@ def rollouts(
     agents.inform(envs.door_geometries)
     agents.reset(observations)
     rows: list[Arrays] = []
-    forecasts = [
-        ForecastRecorder(partial(agents.forecast, row), forecast_period)
-        for row in range(envs.num_envs)
-    ]
+    asked = [partial(agents.forecast, row) for row in range(envs.num_envs)]
+    forecasts = ForecastRecorder(asked, forecast_period, forecast_angles)
     lengths = np.zeros(envs.num_envs, dtype=int)
     acting = np.ones(envs.num_envs, dtype=bool)
     ended, truncated = ~acting, ~acting
     while True:
         before_step()
         times = observations["time"][:, 0]
-        for row in np.flatnonzero(acting).tolist():
-            forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
+        forecasts.take_if_due(times, infos["door_angle"], ended, acting)
         decided, cpu, wall = _timed(partial(agents.act, observations, acting))
-        count = np.count_nonzero(acting)
-        measured = {
-            "times": times,
-            "qpos": envs.qpos,
-            "solved": infos["success"],
-            "latency_s": np.full(times.shape, cpu / count),
-            "latency_wall_s": np.full(times.shape, wall / count),
-        }
-        rows.append(_row(observations, infos, decided, measured))
+        state = {"times": times, "qpos": envs.qpos, "solved": infos["success"]}
+        shares = np.array([[cpu], [wall]]) / np.count_nonzero(acting)
+        cpus, walls = np.broadcast_to(shares, (2, envs.num_envs))
+        latency = {"latency_s": cpus, "latency_wall_s": walls}
+        rows.append(_row(observations, infos, decided, state | latency))
         lengths += acting
         # An episode's last row is the state in which it ended.
         acting = acting & ~ended
@@ -153,7 +141,7 @@ def rollouts(
     return tuple(
         _log(
             {name: array[: lengths[row], row] for name, array in together.items()},
-            forecasts[row],
+            forecasts.of(row),
             {name: infos[name][row] for name in ("failure", "reason")},
             envs.variations[row].door,
             bool(truncated[row]),
@@ -180,28 +168,47 @@ def _row(
 
 
 class ForecastRecorder:
-    """Takes a forecast before the first decision and at every period [s], if any."""
+    """Takes forecasts of N episodes before the first decision and every period [s].
+
+    With angles, (N, P) [rad], it leaves out those before which no other was reached.
+    """
 
     def __init__(
-        self, ask: Callable[[], GaussianTrajectory | None], period: float | None
+        self,
+        asked: Sequence[Callable[[], GaussianTrajectory | None]],
+        period: float | None,
+        angles: FloatArray | None = None,
     ) -> None:
-        self._ask, self._period = ask, period
-        self._taken: list[tuple[Any, ...]] = []
+        self._asked, self._period, self._angles = asked, period, angles
+        self._furthest = self._due = np.full(len(asked), -np.inf)
+        self._reached = np.zeros(len(asked), dtype=int)
+        self._taken: list[list[tuple[Any, ...]]] = [[] for _ in asked]
 
-    def take_if_due(self, now: float, *, force: bool) -> None:
-        """Take a forecast if one is due at the simulated time `now` [s], or forced."""
+    def take_if_due(
+        self, now: FloatArray, angle: FloatArray, ended: Flags, acting: Flags = _ALL
+    ) -> None:
+        """Take forecasts that are due at these times [s], (N,), or at the end."""
         if self._period is None:
             return
         # Half a microsecond of tolerance, because times are rounded sums of steps.
-        due = not self._taken or now >= self._taken[-1][0] + self._period - 5e-7
-        if (due or force) and (forecast := self._ask()) is not None:
-            # Not the trajectory, because it refers to its input, up to 1 MB.
-            self._taken.append((now, forecast.mean, forecast.std, forecast.times))
+        due = now >= self._due - 5e-7
+        self._due = np.where(due, now + self._period, self._due)
+        take = acting & (due | ended)
+        if self._angles is not None:
+            self._furthest = np.maximum(self._furthest, angle)
+            reached = np.sum(self._angles <= self._furthest[:, None], axis=1)
+            take &= reached > self._reached
+            self._reached = np.where(take, reached, self._reached)
+        for row in np.flatnonzero(take).tolist():
+            if (forecast := self._asked[row]()) is not None:
+                # Not the trajectory, because it refers to its input, up to 1 MB.
+                values = forecast.mean, forecast.std, forecast.times
+                self._taken[row].append((now[row], *values))
 
-    def forecasts(self) -> Forecasts:
-        """Return the forecasts so far."""
-        taken = zip(*self._taken, strict=True) if self._taken else ((), (), (), ((),))
-        times, means, stds, (*_, phases) = taken
+    def of(self, row: int) -> Forecasts:
+        """Return the forecasts of an episode so far."""
+        taken = zip(*self._taken[row], strict=True)
+        times, means, stds, (*_, phases) = taken if self._taken[row] else _NO_FORECAST
         shape = (len(means), len(phases), 6)
         return Forecasts(
             times=np.array(times),
@@ -211,7 +218,7 @@ class ForecastRecorder:
         )
 
 
-def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
+def _timed(decide: Callable[[], AgentStep]) -> tuple[AgentStep, float, float]:
     """Return a decision, its CPU time in this thread and its wall time [s]."""
     started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
     decision = decide()
@@ -221,13 +228,16 @@ def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
 
 def _log(
     arrays: Arrays,
-    recorder: ForecastRecorder,
+    forecasts: Forecasts,
     info: Mapping[str, Any],
     door_config: DoorConfig,
     truncated: bool,
     **names: Any,
 ) -> EpisodeLog:
     """Return the log of an episode from its arrays and how it ended."""
+    parts: dict[str, Any] = {
+        part: record.of(arrays) for part, record in PARTS.items() if part != "forecasts"
+    }
     success = bool(arrays["solved"][-1])
     failure, reason = info["failure"], info["reason"]
     if truncated and not failure and not success:
@@ -240,9 +250,6 @@ def _log(
         failure=str(failure),
         reason=str(reason),
         times=arrays["times"],
-        motion=Motion.of(arrays),
-        opening=Opening.of(arrays),
-        forces=Forces.of(arrays),
-        decisions=Decisions.of(arrays),
-        forecasts=recorder.forecasts(),
+        forecasts=forecasts,
+        **parts,
     )

@@ -45,12 +45,6 @@ _DEMONSTRATED_BY: Final = (
 )
 """Fields of an episode that determine the demonstrations."""
 
-_IN_LOCKSTEP: Final = (
-    *("policy", "policy_source", "base", "robot", "demonstrated_kind"),
-    "demonstrated_forces",
-)
-"""Fields that simulations and agents of one lockstep have in common."""
-
 _OF_THE_DOOR: Final = (
     *("door", "door_config", "trial", "level", "randomization", "disturbance"),
 )
@@ -160,8 +154,9 @@ class EpisodeTask(TaughtTask):
         """
         if self.start != "grasped" or self.practice is not None:
             return None
-        alike = [getattr(self, name) for name in _IN_LOCKSTEP]
-        return json.dumps(alike, sort_keys=True)
+        turns = (self.demonstrated_kind or {}).get("handle", "bar") != "bar"
+        agent = self.policy, self.policy_source, self.demonstrated_forces, turns
+        return json.dumps([*agent, self.base, self.robot], sort_keys=True)
 
     @property
     def demonstrations_key(self) -> str:

@@ -8,14 +8,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from gplfd_experiments.episodes.build import (
     demonstrations_hash,
     learned_agents,
     open_together,
     place_in_policy,
 )
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.metrics import PROGRESS, episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.provenance import code_state
 from gplfd_experiments.studies.learning_tests.scores import (
@@ -33,7 +34,6 @@ from gplfd_experiments.studies.sources import (
 )
 from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
-from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.registry.method import Policy
 
@@ -86,31 +86,32 @@ def _run(
         return [_error_result(task, error, policy) for task in job]
     episodes = [task for task in job if isinstance(task, EpisodeTask)]
     results: dict[str, Result] = {}
-    make: dict[str, Callable[[], Agent]] = {}
-    unable: dict[str, BaseException] = {}
+    learned: dict[str, Any] = {}  # What makes agents, or an error.
     for task in episodes:
         key = task.training_key
-        if key not in make and key not in unable:
+        if key not in learned:
             allow(LEARNING_LIMIT)
             try:
-                make[key] = learned_agents(task, policy)
+                learned[key] = learned_agents(task, policy)
             except errors as error:
-                unable[key] = error
-        if key in unable:
-            results[task.key] = _error_result(task, unable[key], policy)
+                learned[key] = error
+        if isinstance(learned[key], BaseException):
+            results[task.key] = _error_result(task, learned[key], policy)
 
     def open_doors(tasks: Sequence[EpisodeTask]) -> None:
         """Open doors in lockstep, or one by one if the policy fails at one."""
         allow(LEARNING_LIMIT)
+        shown = [task.teacher["angle_mean"] for task in tasks]
         try:
             logs = open_together(
                 tasks,
-                [make[task.training_key]() for task in tasks],
+                [learned[task.training_key]() for task in tasks],
                 forecast_period=FORECAST_PERIOD,
+                # Others are not scored.
+                forecast_angles=np.outer(shown, PROGRESS),
                 before_step=partial(allow, STEP_LIMIT),
             )
-            for task, log in zip(tasks, logs, strict=True):
-                angle = task.teacher["angle_mean"]
+            for task, log, angle in zip(tasks, logs, shown, strict=True):
                 results[task.key] = {
                     **_origin(task),
                     "demonstrations": demonstrations_hash(task),
@@ -123,7 +124,7 @@ def _run(
             for task in tasks:
                 open_doors([task])
 
-    if able := [task for task in episodes if task.training_key in make]:
+    if able := [task for task in episodes if task.key not in results]:
         open_doors(able)
     return [results[task.key] for task in episodes]
 
@@ -135,13 +136,6 @@ def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> R
     """
     result = {**_origin(task), "error": reason, "traceback": trace}
     return {**result, "lost": True} if lost else result
-
-
-def episode_log(task: EpisodeTask) -> EpisodeLog:
-    """Learn, open the door of a task, and return the log for its metrics."""
-    make = learned_agents(task, policy_of(task, NO_FILES))
-    (log,) = open_together([task], [make()], forecast_period=FORECAST_PERIOD)
-    return log
 
 
 def _learning_metrics(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -57,8 +58,10 @@ Job = tuple[Task, ...]
 
 _MOST: Final = 100_000  # Largest number of tasks of a study.
 
-TOGETHER: Final = 12
-"""Largest number of episodes in a job of several trainings."""
+TOGETHER: Final = 48
+"""Usual number of episodes in a job of many trainings: a step costs little more."""
+SHARED: Final = 24
+"""Number of episodes from which two workers share them."""
 
 KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -87,25 +90,26 @@ def task_from(record: Mapping[str, Any]) -> Task:
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in their given order.
 
-    A job has the tasks of one training, or, up to `TOGETHER` episodes, several
+    A job has the tasks of one training, or about `TOGETHER` episodes of several
     trainings of a policy whose agents compute their steps together.
     """
-    trainings: dict[str, dict[str, Task]] = {}
+    groups: dict[str, dict[str, dict[str, Task]]] = {}
     for task in study:
-        trainings.setdefault(task.training_key, {})[task.key] = task
-    jobs: list[list[Task]] = []
-    open_jobs: dict[str, list[Task]] = {}
-    for tasks in trainings.values():
-        first = next(iter(tasks.values()))
-        alike = first.lockstep_key if isinstance(first, EpisodeTask) else None
-        job = open_jobs.get(alike or "")
-        if job is None or len(job) + len(tasks) > TOGETHER:
-            job = []
-            jobs.append(job)
-            if alike is not None:
-                open_jobs[alike] = job
-        job += tasks.values()
-    return tuple(map(tuple, jobs))
+        training = task.training_key
+        alike = task.lockstep_key if isinstance(task, EpisodeTask) else None
+        trainings = groups.setdefault(alike or training, {})
+        trainings.setdefault(training, {})[task.key] = task
+    jobs: list[tuple[float, Job]] = []
+    for trainings in groups.values():
+        total, done = sum(map(len, trainings.values())), 0
+        number = max(math.ceil(total / TOGETHER), min(2, total // SHARED))
+        shares: list[list[Task]] = [[] for _ in range(number)]
+        for tasks in trainings.values():
+            # By the middle of a training, so that the shares are about equal.
+            shares[(2 * done + len(tasks)) * number // (2 * total)] += tasks.values()
+            done += len(tasks)
+        jobs += [(k / number, tuple(x)) for k, x in enumerate(shares) if x]
+    return tuple(job for _, job in sorted(jobs, key=lambda job: job[0]))
 
 
 _NOISY: Final = (
@@ -180,21 +184,14 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
     """Yield the conditions of a study."""
-    for number, noise, randomization, disturbance in itertools.product(
-        settings.demonstrations_per_door,
-        settings.teacher_noise,
-        settings.randomizations,
-        settings.disturbances,
-    ):
-        yield Condition(
-            demonstrations_per_door=number,
-            teacher_noise=noise,
-            randomization=randomization,
-            disturbance=disturbance,
-            start=settings.start,
-            demonstrated_forces=settings.demonstrated_forces,
-            robot=settings.robot,
-        )
+    alike = ("start", "demonstrated_forces", "robot")
+    fields: dict[str, Any] = {name: getattr(settings, name) for name in alike}
+    taught = settings.demonstrations_per_door, settings.teacher_noise
+    drawn = settings.randomizations, settings.disturbances
+    names = ("demonstrations_per_door", "teacher_noise", "randomization", "disturbance")
+    for values in itertools.product(*taught, *drawn):
+        varied: dict[str, Any] = dict(zip(names, values, strict=True))
+        yield Condition(**fields, **varied)
 
 
 def episodes(
