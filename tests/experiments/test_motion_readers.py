@@ -28,11 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation import ImportSettings, prepare
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers import (
-    READERS,
-    read_files,
-    read_here,
-)
+from gplfd_experiments.data.readers import READERS, read_files, read_here
 from gplfd_experiments.data.settings import METRES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
@@ -385,6 +381,18 @@ def test_errors_of_the_child_are_those_of_the_reader(tmp_path):
         next(read_files([tmp_path / "b.csv"], ANY))
 
 
+def test_frames_that_a_header_cannot_count_are_missed(tmp_path):
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [RATE]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ("A",)
+    file["data"]["points"] = np.ones((4, 1, 65600))
+    file.write(str(tmp_path / "a.c3d"))
+    with pytest.raises(
+        ValueError, match=r"only 65535 of its 656\d\d frames can be read"
+    ):
+        read_here(tmp_path / "a.c3d", ANY)
+
+
 # ------------------------------------------------------------------ particular kinds
 def only(path: Path, **selection: Any) -> RawRecording:
     (one,) = read_here(path, ImportSettings(**selection))
@@ -520,9 +528,7 @@ def test_c3d_marks_lost_markers_and_checks_rigid_bodies(tmp_path):
     file.write(str(path))
     lost = np.isnan(only(path, body="B").positions).any(axis=1)
     assert_array_equal(np.flatnonzero(lost), [3, 7])
-    with pytest.raises(
-        ValueError, match=r"A, B, C are on no rigid body: .* of 58 frames"
-    ):
+    with pytest.raises(ValueError, match=r"are on no rigid body: .* of 58 frames"):
         only(path, body="A,B,C")
 
 
@@ -578,9 +584,7 @@ def test_orientations_of_a_set_that_are_not_used_are_named(tmp_path):
     assert all(note in one.notes for one in read_here(tmp_path / "set", ANY))
 
 
-@pytest.mark.parametrize(
-    "damaged", [lambda b: b[: len(b) // 2], lambda b: b"\0\1" * 999]
-)
+@pytest.mark.parametrize("damaged", [lambda b: b[: len(b) // 2], lambda b: b"\0" * 99])
 def test_a_damaged_file_is_refused_by_its_name(written, damaged):
     kind, path = written
     file = path / kind.damaged

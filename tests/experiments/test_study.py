@@ -7,7 +7,7 @@ import re
 import pytest
 
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
-from gplfd_experiments.data.teacher import synthetic_human
+from gplfd_experiments.data import teacher
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files import provenance
 from gplfd_experiments.studies import jobs, runner, store
@@ -112,8 +112,8 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
     # stored result is of the same task any more.
     assert episode().key == "729ae4581ec21027"
     assert SkillTask(policy="gp", seed=0, held_out="radius").key == "a69b9f69a16b398d"
-    slower = synthetic_human.TeacherConfig(duration_mean=9.0)
-    monkeypatch.setattr(synthetic_human, "TeacherConfig", lambda: slower)
+    slower = teacher.TeacherConfig(duration_mean=9.0)
+    monkeypatch.setattr(teacher, "TeacherConfig", lambda: slower)
     assert episode().teacher["duration_mean"] == 9.0
     assert episode().key != "729ae4581ec21027"
 

@@ -1,23 +1,26 @@
 """Readers of motion files, which run in a child process.
 
-The module of a kind of file has ``read(path, settings)``, which returns its motions or
-raises any exception. A damaged or forged file can crash the child alone.
+The function of a kind of file, ``(path, settings)``, returns its motions or raises any
+exception. A damaged or forged file can crash the child alone.
 """
 
-import importlib
 import os
-import pickle
-import subprocess
-import sys
 import tempfile
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.readers import (
+    arrays,
+    bags,
+    csv_tables,
+    lerobot,
+    motion_capture,
+)
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_policies.arrays.storage import regular_file
 
@@ -33,7 +36,7 @@ _LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (6.0, 5e-6))
 samples, and processor time [s]: for any file, and in addition per byte of a file."""
 _WAITING: Final = 3.0
 """Longest time for a file, as a multiple of its processor time."""
-_CHILD: Final = "from gplfd_experiments.data.readers import child; child()"
+_THREADS: Final = ("OPENBLAS", "OMP", "MKL")  # Libraries that would start some.
 
 
 class Reader(NamedTuple):
@@ -41,8 +44,7 @@ class Reader(NamedTuple):
 
     summary: str
     """Name in a message."""
-    module: str
-    """Module of this package; imported when needed, for its libraries."""
+    read: Callable[[Path, ImportSettings], list[RawRecording]]
     suffixes: tuple[str, ...] = ()
     """Suffixes of such files; none for folders."""
     marks: tuple[str, ...] = ()
@@ -50,28 +52,30 @@ class Reader(NamedTuple):
 
 
 READERS: Final = (
-    Reader("a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")),
-    Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
-    Reader("a MATLAB file", "arrays", (".mat",)),
-    Reader("a recording of Xsens MVN", "skeletons", (".mvnx",)),
-    Reader("a Biovision hierarchy", "skeletons", (".bvh",)),
-    Reader("a C3D file", "c3d", (".c3d",)),
-    Reader("a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
-    Reader("demonstrations of robomimic", "robomimic", (".hdf5", ".h5")),
-    Reader("a data set of LeRobot", "lerobot", marks=("meta/info.json",)),
-    Reader("a data set of Minari", "own_sets", marks=("data/metadata.json",)),
-    Reader("a set of demonstrations", "own_sets", marks=("demonstrations.npz",)),
+    Reader("a table in a text file", csv_tables.read, (".csv", ".tsv", ".txt", ".log")),
+    Reader("arrays of NumPy", arrays.read, (".npz", ".npy")),
+    Reader("a MATLAB file", arrays.read, (".mat",)),
+    Reader("a recording of Xsens MVN", motion_capture.mvnx, (".mvnx",)),
+    Reader("a Biovision hierarchy", motion_capture.bvh, (".bvh",)),
+    Reader("a C3D file", motion_capture.c3d, (".c3d",)),
+    Reader("a bag of ROS", bags.read, (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
+    Reader("demonstrations of robomimic", arrays.robomimic, (".hdf5", ".h5")),
+    Reader("a data set of LeRobot", lerobot.read, marks=("meta/info.json",)),
+    Reader("a data set of Minari", arrays.own_set, marks=("data/metadata.json",)),
+    Reader("a set of demonstrations", arrays.own_set, marks=("demonstrations.npz",)),
 )
 """Every kind of file that is read."""
-_TABLE: Final = ("body", "columns", "time_unit", "angles", "quaternions")
-_OPTIONS: Final = {
-    **dict.fromkeys(("csv_tables", "arrays"), _TABLE),
-    **dict.fromkeys(("skeletons", "c3d"), ("body",)),
-    "bags": ("body", "urdf", "link", "wrench"),
-    "robomimic": ("body", "angles", "wrench"),
-    "lerobot": ("body", "columns", "angles", "quaternions", "wrench"),
+_OPTIONS: Final[Mapping[Any, tuple[str, ...]]] = {
+    csv_tables.read: ("body", "columns", "time_unit", "angles", "quaternions"),
+    arrays.read: ("body", "columns", "time_unit", "angles", "quaternions"),
+    motion_capture.mvnx: ("body",),
+    motion_capture.bvh: ("body",),
+    motion_capture.c3d: ("body",),
+    bags.read: ("body", "urdf", "link", "wrench"),
+    arrays.robomimic: ("body", "angles", "wrench"),
+    lerobot.read: ("body", "columns", "angles", "quaternions", "wrench"),
 }
-"""Settings that have an effect on some kinds of files only, by the reader's module."""
+"""Settings that have an effect on some kinds of files only, by their reader."""
 
 
 def reader_of(path: Path) -> Reader:
@@ -92,18 +96,19 @@ def reader_of(path: Path) -> Reader:
 def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read all motions in a file, in this process and without limits."""
     reader = reader_of(path)
-    module = importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
     try:
-        recordings: list[RawRecording] = module.read(path, settings)
+        recordings = reader.read(path, settings)
         if not recordings:
             raise ValueError("it holds no recording")
+    except ModuleNotFoundError:
+        raise
     # Libraries raise errors of every kind for damaged files.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
             f"{path} cannot be read as {reader.summary}: {reason:.600}"
         ) from error
-    used = _OPTIONS.get(reader.module, ())
+    used = _OPTIONS.get(reader.read, ())
     notes = [
         f"--{name.replace('_', '-')} has no effect on {reader.summary} such as this"
         for name in sorted({name for names in _OPTIONS.values() for name in names})
@@ -125,46 +130,31 @@ def read_files(
         ValueError: It is damaged, of unknown kind, too large, or lacks the selected
             item. The message names file, line or field, and says what to do.
     """
+    from joblib.externals.loky import ProcessPoolExecutor
+
     files = [Path(path) for path in paths]
     readers = [reader_of(path) for path in files]
-    threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
-    modules = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        subprocess.Popen(
-            [sys.executable, "-c", _CHILD],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, **threads, "PYTHONPATH": modules, "TMPDIR": scratch},
-        ) as process,
-    ):
-        assert process.stdin is not None
-        assert process.stdout is not None
+    settings_of_child = {f"{name}_NUM_THREADS": "1" for name in _THREADS}
+    with tempfile.TemporaryDirectory() as scratch:
+        settings_of_child["TMPDIR"] = scratch
+        child = ProcessPoolExecutor(1, env=settings_of_child, initializer=_silent)
         try:
-            pickle.dump((files, settings), process.stdin)
-            process.stdin.close()
             for path, reader in zip(files, readers, strict=True):
                 *_, seconds = _limits(path)
-                timer = threading.Timer(_WAITING * seconds, process.kill)
-                timer.start()
                 try:
-                    outcome = pickle.load(process.stdout)
-                except (EOFError, pickle.UnpicklingError):
-                    # A killed child leaves nothing, or a part.
+                    reading = child.submit(_limited, path, settings)
+                    outcome = reading.result(_WAITING * seconds)
+                except (TimeoutError, BrokenExecutor):
                     raise ValueError(
                         f"{path} cannot be read as {reader.summary}: its reader crashed"
-                        f" or ran for more than {seconds:.0f} s (exit status "
-                        f"{process.wait()}). It is damaged, or made to fill memory or "
-                        "time"
+                        f" or ran for more than {seconds:.0f} s. It is damaged, or made"
+                        " to fill memory or time"
                     ) from None
-                finally:
-                    timer.cancel()
                 if isinstance(outcome, Exception):
                     raise outcome
                 yield outcome
         finally:
-            process.kill()
+            child.shutdown(kill_workers=True)
 
 
 def _limits(path: Path) -> list[float]:
@@ -174,35 +164,34 @@ def _limits(path: Path) -> list[float]:
     return [least + per_byte * size for least, per_byte in _LIMITS]
 
 
-def child() -> None:
-    """Read the files that the parent names, and answer with motions or an error."""
-    # Libraries may print.
-    with os.fdopen(os.dup(1), "wb") as answers:
-        os.dup2(2, 1)
-        paths, settings = pickle.load(sys.stdin.buffer)
-        for path in paths:
-            memory, written, most, seconds = _limits(path)
-            if resource is not None:
-                used = resource.getrusage(resource.RUSAGE_SELF)
-                for kind, limit in (
-                    (resource.RLIMIT_DATA, memory),
-                    (resource.RLIMIT_FSIZE, written),
-                    (resource.RLIMIT_CPU, used.ru_utime + used.ru_stime + seconds + 1),
-                ):
-                    hardest = resource.getrlimit(kind)[1]
-                    resource.setrlimit(kind, (int(limit), hardest))
-            outcome: list[RawRecording] | Exception
-            try:
-                outcome = read_here(path, settings)
-                if sum(len(motion.positions) for motion in outcome) > most:
-                    raise ValueError(f"{path} makes more than {most:,.0f} samples")
-            except (OSError, ValueError, ModuleNotFoundError) as error:
-                # Only these have arguments that can be passed on.
-                outcome = type(error)(*error.args)
-                if isinstance(error.__cause__, MemoryError):
-                    outcome = ValueError(
-                        f"{path} needs more than {memory / 2**20:,.0f} MB of memory. "
-                        "It is damaged, or made to fill the memory"
-                    )
-            pickle.dump(outcome, answers)
-            answers.flush()
+def _silent() -> None:
+    """Let no library print in this process."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+
+
+def _limited(path: Path, settings: ImportSettings) -> list[RawRecording] | Exception:
+    """Read the motions in a file, in a process of which nothing else is wanted."""
+    memory, written, most, seconds = _limits(path)
+    if resource is not None:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        for kind, limit in (
+            (resource.RLIMIT_DATA, memory),
+            (resource.RLIMIT_FSIZE, written),
+            (resource.RLIMIT_CPU, used.ru_utime + used.ru_stime + seconds + 1),
+        ):
+            resource.setrlimit(kind, (int(limit), resource.getrlimit(kind)[1]))
+    try:
+        motions = read_here(path, settings)
+        if sum(len(motion.positions) for motion in motions) > most:
+            raise ValueError(f"{path} makes more than {most:,.0f} samples")
+    except (OSError, ValueError, ModuleNotFoundError) as error:
+        if isinstance(error.__cause__, MemoryError):
+            return ValueError(
+                f"{path} needs more than {memory / 2**20:,.0f} MB of memory. It is "
+                "damaged, or made to fill the memory"
+            )
+        # Only these have arguments that can be passed on.
+        return type(error)(*error.args)
+    return motions

@@ -1,9 +1,11 @@
-"""Motions in arrays (.npz, .npy, .mat up to 7.2), also transposed.
+"""Motions in arrays with names: NumPy, MATLAB, robomimic, and sets of gplfd.
 
-Columns (N,), those of `tables` (N, d), or ``--columns`` of (N, C) or (K, N, C).
+Columns (N,), those of `tables` (N, d), or ``--columns`` of (N, C) or (K, N, C), also
+transposed.
 """
 
 import contextlib
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -14,26 +16,19 @@ import numpy as np
 import scipy.io
 
 from gplfd_experiments.data.raw import RawRecording, chosen
-from gplfd_experiments.data.readers import own_sets
-from gplfd_experiments.data.readers.tables import (
-    ARRAYS,
-    POSITION,
-    array_columns,
-    named_columns,
-    recording,
-    renamed,
-    understood,
-)
+from gplfd_experiments.data.readers import tables
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.demonstrations.npz import KIND
+from gplfd_experiments.files.libraries import optional_libraries
+from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Arrays = Mapping[str, FloatArray]
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
+_DEFAULT_HAND: Final = "robot0_eef"  # Of robomimic.
 
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motions in a file of arrays, or its set of demonstrations."""
+    """Read the motions of NumPy or MATLAB up to 7.2, or a set of demonstrations."""
     arrays: dict[str, Any] = {}
     with path.open("rb") as stream:
         if path.suffix.lower() == ".mat":
@@ -50,7 +45,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                 with contextlib.suppress(ValueError):  # NumPy unpickles no objects.
                     arrays[name] = loaded[name]
     if str(arrays.get("format", "")) == KIND:
-        return own_sets.read(path, settings)
+        return own_set(path, settings)
     numbers = {
         key: np.asarray(array, dtype=np.float64)
         for key, array in arrays.items()
@@ -58,18 +53,31 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     }
     if settings.columns and "=" not in settings.columns[0]:
         return _from_columns(path.name, numbers, settings)
-    motions = _motions(numbers, settings)
+    # A structure may contain its motions as cells, s.pos{1} with s.time{1}, or with
+    # s.time for all. A single cell may contain the times of the only motion.
+    parts = {key: _parted(key) for key, array in numbers.items() if array.size > 1}
+    fields = tables.renamed([field for _, field, _ in parts.values()], settings.columns)
+    names = dict(zip(parts, fields, strict=True))
+    motions: dict[str, _Arrays] = {}
+    for key, (where, _, index) in parts.items():
+        name = names[key]
+        columns = tables.ARRAYS.get(name.lower())
+        if tables.understood(name)[0] == "x" or columns == tables.POSITION:
+            cells = {cell for other, _, cell in parts.values() if other == where} - {""}
+            beside = {"", index} | (cells if len(cells) == 1 else set())
+            motions[where + index] = {
+                names[other]: numbers[other]
+                for other, (structure, _, cell) in parts.items()
+                if structure == where and cell in beside
+            }
     if not motions:
         raise ValueError(
             f"it has no array of positions: it has {_shapes(numbers)}. Name one, "
             "--columns positions=NAME,quat_wxyz=NAME,..., or the columns of one in "
             "their order, --columns t,x,y,z,... with - for one to leave out"
         )
-    sets = _sets(motions)
-    _, keys = chosen(settings.body, sets, "set of recordings", file=path.name)
-    return [
-        from_names(_label(path.name, key, keys), motions[key], settings) for key in keys
-    ]
+    labels = _labels(path.name, motions, settings, "set of recordings")
+    return [_motion(label, motions[key], settings) for key, label in labels.items()]
 
 
 def _in_cells(value: Any, name: str) -> Iterator[tuple[str, Any]]:
@@ -93,44 +101,63 @@ def _parted(key: str) -> tuple[str, str, str]:
     return where, _INDEX.sub("", field), "".join(_INDEX.findall(field))
 
 
-def _sets(keys: Iterable[str]) -> dict[str, list[str]]:
-    """Return the cells or structures of one name as one set, in order."""
+def _labels(
+    file: str, keys: Iterable[str], settings: ImportSettings, what: str
+) -> dict[str, str]:
+    """Return keys of the wanted set with labels; cells of one name are one set."""
     sets: dict[str, list[str]] = {}
     for key in keys:
         sets.setdefault(_INDEX.sub("", key), []).append(key)
-    return sets
+    _, members = chosen(settings.body, sets, what, file=file)
+    return {key: file if len(members) == 1 else f"{file}: {key}" for key in members}
 
 
-def _motions(arrays: _Arrays, settings: ImportSettings) -> dict[str, _Arrays]:
-    """Return the arrays of every structure that has positions, or of the whole file."""
-    # A structure may contain its motions as cells, s.pos{1} with s.time{1}, or with
-    # s.time for all. A single cell may contain the times of the only motion.
-    parts = {key: _parted(key) for key, array in arrays.items() if array.size > 1}
-    fields = renamed([field for _, field, _ in parts.values()], settings.columns)
-    names = dict(zip(parts, fields, strict=True))
-    motions: dict[str, _Arrays] = {}
-    for key, (where, _, index) in parts.items():
-        name = names[key]
-        if understood(name)[0] == "x" or ARRAYS.get(name.lower()) == POSITION:
-            cells = {cell for other, _, cell in parts.values() if other == where} - {""}
-            beside = {"", index} | (cells if len(cells) == 1 else set())
-            motions[where + index] = {
-                names[other]: arrays[other]
-                for other, (structure, _, cell) in parts.items()
-                if structure == where and cell in beside
-            }
+def _from_columns(
+    file: str, numbers: _Arrays, settings: ImportSettings
+) -> list[RawRecording]:
+    """Return the motions in an array of ``--columns``, with the times beside it."""
+    vectors = {_INDEX.sub("", key) for key, array in numbers.items() if _vector(array)}
+    keys = [
+        key
+        for key, array in numbers.items()
+        if array.ndim in (2, 3) and _INDEX.sub("", key) not in vectors
+    ]
+    places = tables.named_columns(settings.columns, "--columns")
+    width, motions = len(settings.columns), []
+    for key, label in _labels(file, keys, settings, "array of columns").items():
+        where, _, index = _parted(key)
+        parts = {label: numbers[key]}
+        if numbers[key].ndim == 3:
+            parts = {f"{label}[{n}]": part for n, part in enumerate(numbers[key])}
+        times = np.empty(0)
+        for other, array in numbers.items():
+            structure, field, cell = _parted(other)
+            beside = structure == where and cell in ("", index) and _vector(array)
+            if beside and tables.ARRAYS.get(field.lower()) == ("t",):
+                times = array.reshape(-1)
+        for name, table in parts.items():
+            rows = table if table.shape[1] == width else table.T
+            if rows.shape[1] != width:
+                raise ValueError(
+                    f"{key!r} has shape {table.shape}, and --columns names {width} "
+                    "columns"
+                )
+            columns = {head: (rows[:, at], unit) for head, (at, unit) in places.items()}
+            if len(times) == len(rows):
+                columns.setdefault("t", (times, None))
+            motions.append(tables.recording(name, columns, settings))
     return motions
 
 
-def from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
-    """Return the motion in arrays with supported names, see `array_columns`."""
+def _motion(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
+    """Return the motion in arrays with supported names, see `tables.array_columns`."""
     heads, values, unused = list[str](), list[FloatArray](), list[str]()
     for key, array in arrays.items():
-        short, _, owner = understood(key)
+        short, _, owner = tables.understood(key)
         names: tuple[str, ...] = (key,)
         if short is None or owner:
-            names = array_columns(key, array.shape, settings)
-            if "qw" in names and key.lower() not in ARRAYS:
+            names = tables.array_columns(key, array.shape, settings)
+            if "qw" in names and key.lower() not in tables.ARRAYS:
                 settings = replace(settings, quaternions=None)  # It had its effect.
         if names:
             # There may be fewer columns, of positions without z.
@@ -141,14 +168,14 @@ def from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecor
             unused.append(key)
     if len({len(column) for column in values}) > 1:
         raise ValueError(f"its arrays differ in length: {_shapes(arrays)}")
-    places = named_columns(heads, name)
+    places = tables.named_columns(heads, name)
     columns = {column: (values[at], unit) for column, (at, unit) in places.items()}
-    return recording(name, columns, settings, unused)
+    return tables.recording(name, columns, settings, unused)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
-    if width == 1 and _is_vector(array):
+    if width == 1 and _vector(array):
         return array.reshape(-1, 1)
     if width == 9 and array.ndim == 3:  # Matrices, of MATLAB along the last axis.
         array = np.moveaxis(array, -1, 0) if array.shape[:2] == (3, 3) else array
@@ -162,12 +189,7 @@ def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     return array
 
 
-def _label(file: str, key: str, keys: list[str]) -> str:
-    """Return the name of one of the motions in a file."""
-    return file if len(keys) == 1 else f"{file}: {key}"
-
-
-def _is_vector(array: FloatArray) -> bool:
+def _vector(array: FloatArray) -> bool:
     return array.size == max(array.shape, default=0)
 
 
@@ -176,36 +198,89 @@ def _shapes(arrays: _Arrays) -> str:
     return f"{names or 'no array of numbers':.400}"
 
 
-def _from_columns(
-    file: str, numbers: _Arrays, settings: ImportSettings
-) -> list[RawRecording]:
-    """Return the motions in an array of ``--columns``, with the times beside it."""
-    vectors = {key for key, array in numbers.items() if _is_vector(array)}
-    sets = _sets(key for key, array in numbers.items() if array.ndim in (2, 3))
-    sets = {name: keys for name, keys in sets.items() if vectors.isdisjoint(keys)}
-    _, keys = chosen(settings.body, sets, "array of columns", file=file)
-    places, width = named_columns(settings.columns, "--columns"), len(settings.columns)
-    motions = []
-    for key in keys:
-        label, (where, _, index) = _label(file, key, keys), _parted(key)
-        tables = {label: numbers[key]}
-        if numbers[key].ndim == 3:
-            tables = {f"{label}[{n}]": part for n, part in enumerate(numbers[key])}
-        times = np.empty(0)
-        for other, array in numbers.items():
-            structure, field, cell = _parted(other)
-            beside = structure == where and cell in ("", index) and _is_vector(array)
-            if beside and ARRAYS.get(field.lower()) == ("t",):
-                times = array.reshape(-1)
-        for name, table in tables.items():
-            rows = table if table.shape[1] == width else table.T
-            if rows.shape[1] != width:
+def robomimic(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read every demonstration of a file of robomimic, in the order of their numbers.
+
+    The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, or another
+    form of its orientation; forces are ``obs/NAME_wrench``.
+    """
+    with optional_libraries("robomimic's files need h5py", "robomimic"):
+        import h5py
+    with h5py.File(path, "r") as file:
+        if "data" not in file:
+            raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
+        data = file["data"]
+        # The control frequency of the environment, if the file states it.
+        rate, about = settings.recorded_rate, data.attrs.get("env_args")
+        match json.loads(about) if isinstance(about, str) else None:
+            case {"env_kwargs": {"control_freq": int() | float() as control}}:
+                rate = rate or (float(control) if 0.0 < control < 1e6 else None)
+        names = sorted(data, key=lambda name: list(map(int, re.findall(r"\d+", name))))
+        motions = []
+        for name in names:
+            if not isinstance(data[name], h5py.Group) or "obs" not in data[name]:
                 raise ValueError(
-                    f"{key!r} has shape {table.shape}, and --columns names {width} "
-                    "columns"
+                    f"/data/{name} has no group 'obs'; robosuite records states alone, "
+                    "of which robomimic's script dataset_states_to_obs makes "
+                    "observations"
                 )
-            columns = {head: (rows[:, at], unit) for head, (at, unit) in places.items()}
-            if len(times) == len(rows):
-                columns.setdefault("t", (times, None))
-            motions.append(recording(name, columns, settings))
-    return motions
+            label = f"{path.name}: {name}"
+            motions.append(_observed(data[name]["obs"], label, settings))
+    if rate is None:
+        return motions
+    return [replace(m, times=np.arange(len(m.positions)) / rate) for m in motions]
+
+
+def _observed(obs: Any, label: str, settings: ImportSettings) -> RawRecording:
+    """Return the motion of the hand in a group of observations."""
+    hands = {name.removesuffix("_pos"): name for name in obs if name.endswith("_pos")}
+    wanted = settings.body or _DEFAULT_HAND
+    hand, position = chosen(wanted, hands, "hand in obs", file=label)
+    gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
+    force = settings.wrench or f"{hand}_wrench"
+    sources = {"positions": position}
+    settings_of_arrays = ImportSettings(angles=settings.angles)
+    for name in (f"{hand}_quat", *sorted(obs)):
+        what = name.removeprefix(f"{hand}_")
+        if name in obs and what != name:
+            scalar_last = 4 in obs[name].shape and not what.endswith("wxyz")
+            what = f"{what.removesuffix('_xyzw')}_xyzw" if scalar_last else what
+            columns = tables.array_columns(what, obs[name].shape, settings_of_arrays)
+            if columns and tables.ORIENTED.issuperset(columns):
+                sources[what] = name
+                break
+    if force in obs or settings.wrench is not None:
+        sources["wrench"] = force
+    arrays = {
+        what: np.asarray(obs[name][()], dtype=np.float64)
+        for what, name in sources.items()
+    }
+    motion = _motion(label, arrays, settings_of_arrays)
+    signals = {"gripper": obs[gripper][()]} if gripper in obs else {}
+    return replace(motion, unit="m", signals=signals)
+
+
+def own_set(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read poses and wrenches of a set of demonstrations, or as they were observed."""
+    del settings  # No choice is open.
+    if observed := (path / "data/metadata.json").is_file():
+        from gplfd_experiments.data.minari import open_dataset
+
+        dataset = open_dataset(path)
+        seen = [dataset.episode(n).observations for n in range(dataset.n_episodes)]
+        motions = [(s["time"][:, 0], s["ee_pose"], s["wrench"]) for s in seen]
+    else:
+        recorded = load_demonstrations(path).demonstrations
+        motions = [(motion.times, motion.poses, motion.wrenches) for motion in recorded]
+    return [
+        RawRecording(
+            f"{path.name}: episode {number}" if observed else f"{path.name}[{number}]",
+            poses[:, :3],
+            "m",
+            times,
+            tables.quaternions_of(tables.ROTATION_VECTOR, poses[:, 3:]),
+            wrenches=wrenches,
+            forces_on="hand" if observed else "object",
+        )
+        for number, (times, poses, wrenches) in enumerate(motions)
+    ]

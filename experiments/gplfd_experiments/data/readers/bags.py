@@ -21,10 +21,6 @@ from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.storage import regular_file
 
-with optional_libraries("ROS bags need rosbags", "ros"):
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
 _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _MOVING: Final = (
@@ -100,6 +96,9 @@ def _of_one_source(
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a topic, and the wrenches of another."""
+    with optional_libraries("ROS bags need rosbags", "ros"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
     notes: list[str] = []
     received: defaultdict[str | None, list[_Message]] = defaultdict(list)
     # With message types for bags without type descriptions.

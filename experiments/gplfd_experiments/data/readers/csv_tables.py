@@ -16,15 +16,7 @@ from typing import Final
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.tables import (
-    POSITION,
-    UNIT_WORDS,
-    listed,
-    named_columns,
-    recording,
-    renamed,
-    understood,
-)
+from gplfd_experiments.data.readers import tables
 from gplfd_experiments.data.settings import ImportSettings
 
 _MISSING: Final = frozenset(("", "-", "na", "n/a", "#n/a", "null", "none", "nil"))
@@ -39,12 +31,12 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     top = [_cells(text, delimiter) for _, text in lines[:_MOST_HEADS]]
     heads, first = _heads(top, settings, delimiter)
     where = "--columns" if settings.columns else "the header"
-    places = named_columns(heads, where, settings.body)
+    places = tables.named_columns(heads, where, settings.body)
     values = array("d")
     for number, text in lines[first:]:
         cells = _cells(text, delimiter)
         if len(cells) < len(heads) or any(cells[len(heads) :]):
-            named = f"{len(heads)} are named: {listed(heads)}"
+            named = f"{len(heads)} are named: {tables.listed(heads)}"
             raise ValueError(f"line {number} has {len(cells)} columns, and {named}")
         for name, (place, _) in places.items():
             value = _number(cells[place], delimiter)
@@ -61,16 +53,16 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     }
     if top[0][0] == "Format Version":  # What Motive states in its first line.
         stated = dict(zip(top[0][::2], top[0][1::2], strict=False))
-        length = UNIT_WORDS.get(stated.get("Length Units", "").lower())
-        for name in columns.keys() & set(POSITION):
+        length = tables.UNIT_WORDS.get(stated.get("Length Units", "").lower())
+        for name in columns.keys() & set(tables.POSITION):
             columns[name] = (columns[name][0], columns[name][1] or length)
         if settings.angles is None and "rx" in columns:
             euler = f"euler-{stated.get('Rotation Type', 'XYZ')}-deg"
             settings = replace(settings, angles=euler)
     used = {place for place, _ in places.values()}
     unused = [head for place, head in enumerate(heads) if place not in used]
-    motion = recording(path.name, columns, settings, unused)
-    if settings.body and not any(understood(head)[2] for head in heads):
+    motion = tables.recording(path.name, columns, settings, unused)
+    if settings.body and not any(tables.understood(head)[2] for head in heads):
         note = "--body has no effect: the names of its columns are of no body"
         motion = replace(motion, notes=(*motion.notes, note))
     return [motion]
@@ -116,12 +108,12 @@ def _heads(
     """Return the names of the columns, and the index of the row of the first sample."""
     columns = settings.columns
     in_order = columns if not any("=" in column for column in columns) else ()
+    used = [at for at, head in enumerate(in_order) if tables.understood(head)[0]]
     wanted = {column.partition("=")[2] for column in columns}
     for index, cells in enumerate(rows):
         numeric = [_number(cell, delimiter) is not None for cell in cells]
-        names = [understood(cell)[0] for cell in cells]
+        names = [tables.understood(cell)[0] for cell in cells]
         if in_order:
-            used = [at for at, name in enumerate(in_order) if understood(name)[0]]
             if len(cells) >= len(in_order) and all(numeric[at] for at in used):
                 return in_order, index
         elif len(cells) > 1 and cells[0] and all(numeric):
@@ -141,8 +133,8 @@ def _heads(
                     cell if name == "t" else words.strip()
                     for cell, name, words in zip(cells, names, joined, strict=True)
                 ]
-            return renamed(heads, columns), index + 1
-    return renamed(rows[0], columns), min(1, len(rows) - 1)
+            return tables.renamed(heads, columns), index + 1
+    return tables.renamed(rows[0], columns), min(1, len(rows) - 1)
 
 
 def _cells(text: str, delimiter: str) -> list[str]:

@@ -8,20 +8,11 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording, chosen
-from gplfd_experiments.data.readers.tables import (
-    FORCE,
-    named_columns,
-    recording,
-    understood,
-)
+from gplfd_experiments.data.readers import tables
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
-
-with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
-    import pyarrow
-    from pyarrow import parquet
 
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
@@ -33,6 +24,9 @@ AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the sta
 
 def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read every episode of a data set."""
+    with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
+        import pyarrow
+        from pyarrow import parquet
     info = read_json(path / INFO)
     version = entry(info, "codebase_version", str)
     if not version.startswith("v3."):
@@ -53,51 +47,50 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         raise ValueError(
             "its numbers have no names; give them in their order: --columns x,y,z,..."
         )
-    places = named_columns(heads, "--columns" if settings.columns else f"{name!r}")
+    where = "--columns" if settings.columns else repr(name)
+    places = tables.named_columns(heads, where)
     force = settings.wrench
-    if vectors.get(WRENCH, {}).get("shape") == [len(FORCE)]:
+    if vectors.get(WRENCH, {}).get("shape") == [len(tables.FORCE)]:
         force = force or WRENCH
-    observed, meanings = False, {name: tuple(heads)}
+    observed, widths = False, {name: len(heads)}
     if force is not None:
         _, feature = chosen(force, vectors, "feature of numbers", file=path.name)
-        observed, meanings[force] = feature.get("info") == AS_OBSERVED, FORCE
-    unused = {head for head in heads if understood(head)[0] is None}
-    unused |= vectors.keys() - meanings.keys()
+        observed, widths[force] = feature.get("info") == AS_OBSERVED, len(tables.FORCE)
+    unused = {head for head in heads if tables.understood(head)[0] is None}
+    unused |= vectors.keys() - widths.keys()
     unused = {text for text in unused if _ORIENTED.search(text.lower())}
     not_used = f"{', '.join(sorted(unused))!s:.200} are not used: it has no orientation"
     rate = entry(info, "fps", float)
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files or not rate > 0.0:
         raise ValueError(f"fps is {rate:g}, and {len(files)} parquet files are in data")
-    wanted = ["episode_index", "frame_index", *meanings]
+    wanted = ["episode_index", "frame_index", *widths]
     parts = [parquet.read_table(f, columns=wanted, partitioning=None) for f in files]
     table = pyarrow.concat_tables(parts)
     episodes, frames = (table[index].to_numpy() for index in wanted[:2])
     numbers = {}
-    for source, names in meanings.items():
+    for source, width in widths.items():
         lists = table[source].combine_chunks()
         flat = lists.flatten().to_numpy(zero_copy_only=False)
-        if lists.null_count or len(flat) != len(lists) * len(names):
-            raise ValueError(
-                f"{source} does not have {len(names)} numbers in every row"
-            )
-        numbers[source] = flat.astype(np.float64).reshape(-1, len(names))
+        if lists.null_count or len(flat) != len(lists) * width:
+            raise ValueError(f"{source} does not have {width} numbers in every row")
+        numbers[source] = flat.astype(np.float64).reshape(-1, width)
+    columns: dict[str, tuple[FloatArray, str | None]] = {
+        **{key: (numbers[name][:, at], unit) for key, (at, unit) in places.items()},
+        "t": (frames / rate, "s"),
+    }
+    if force is not None:
+        forces = zip(tables.FORCE, numbers[force].T, strict=True)
+        columns |= {key: (column, None) for key, column in forces}
     # The times are those of the frames, in seconds.
     settings = replace(settings, time_unit="s")
     recordings = []
     order = np.argsort(episodes, kind="stable")
     starts = np.flatnonzero(np.diff(episodes[order])) + 1
     for rows in np.split(order, starts):
-        values = numbers[name][rows]
-        columns: dict[str, tuple[FloatArray, str | None]] = {
-            **{key: (values[:, at], unit) for key, (at, unit) in places.items()},
-            "t": (frames[rows] / rate, "s"),
-        }
-        if force is not None:
-            forces = numbers[force][rows].T
-            columns |= {key: (f, None) for key, f in zip(FORCE, forces, strict=True)}
         label = f"{path.name}: episode {int(episodes[rows[0]])}"
-        motion = recording(label, columns, settings)
+        of_episode = {key: (column[rows], u) for key, (column, u) in columns.items()}
+        motion = tables.recording(label, of_episode, settings)
         if motion.quaternions is None and unused:
             motion = replace(motion, notes=(*motion.notes, not_used))
         recordings.append(replace(motion, forces_on="hand" if observed else None))

@@ -4,6 +4,7 @@ Names end with the unit, ``time [ms]``, ``x (cm)``, ``y_mm``, and may follow the
 what moves, ``hand.position.x``. Other columns are not used.
 """
 
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -119,6 +120,8 @@ _READINGS: Final[Mapping[Names, str]] = {
 _ORTHONORMAL: Final = 0.1  # Largest error of R Rᵀ of a rotation matrix R.
 _MANY_TURNS: Final = 7.0  # Larger angles [rad] are probably in degrees.
 _HALF_TURN: Final = 3.2  # Longer rotation vectors [rad] are probably none.
+_FASTEST_TURN: Final = 20.0  # Faster hands [rad/s] are probably recorded in degrees.
+_CHORD: Final = 0.05  # Time over which a hand turns for this speed [s].
 
 
 def understood(head: str) -> tuple[str | None, str | None, str]:
@@ -209,29 +212,52 @@ def named_columns(
 def _turned(
     form: Names,
     values: FloatArray,
-    angles: str,
+    unit: str,
+    times: FloatArray | None,
     settings: ImportSettings,
     notes: list[str],
 ) -> tuple[FloatArray, str]:
     """Return quaternions, and what they were read from; note what is doubtful."""
     sequence, _ = angles_of(settings.angles)
-    turning = form in (ROTATION_VECTOR, EULER)
-    form = EULER if turning and sequence is not None else form
-    if form == NUMBERED:
-        form = XYZW if settings.quaternions == "xyzw" else QUATERNION
+    angles = form in (ROTATION_VECTOR, EULER)
+    used = EULER if angles and sequence is not None else form
+    if used == NUMBERED:
+        used = XYZW if settings.quaternions == "xyzw" else QUATERNION
         if settings.quaternions is None:
             notes.append("q0 is taken as scalar; if q3 is, say --quaternions xyzw")
-    if form == EULER and sequence is None:
+    if used == EULER and sequence is None:
         notes.append("Euler angles are taken as --angles euler-xyz: is it right?")
-    largest = float(np.nanmax(np.linalg.norm(values, axis=1), initial=0.0))
-    limit = _HALF_TURN if form == ROTATION_VECTOR else _MANY_TURNS
-    if turning and angles == "rad" and largest > limit:
-        notes.append(
-            f"angles as large as {largest:.3g} rad: are they degrees? say --angles "
-            "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
-        )
-    reading = _READINGS.get(form, f"Euler angles, --angles euler-{sequence or 'xyz'}")
-    return quaternions_of(form, values, angles, sequence or "xyz"), reading
+    quaternions = quaternions_of(used, values, unit, sequence or "xyz")
+    reading = _READINGS.get(used, f"Euler angles, --angles euler-{sequence or 'xyz'}")
+    if angles and unit == "rad":
+        numbers, problem = np.nan_to_num(values), ""
+        largest = float(np.linalg.norm(numbers, axis=1).max())
+        if largest > (_HALF_TURN if used == ROTATION_VECTOR else _MANY_TURNS):
+            problem = f"as large as {largest:.3g} rad"
+        elif (speed := _turning_speed(quaternions, times)) > _FASTEST_TURN:
+            problem = f"that turn the hand by {speed:.0f} rad/s"
+        if problem:
+            column = form[np.ptp(numbers, axis=0).argmax()]
+            notes.append(
+                f"angles {problem}, mostly {column}: are they degrees? say --angles "
+                "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
+            )
+    return quaternions, reading
+
+
+def _turning_speed(quaternions: FloatArray, times: FloatArray | None) -> float:
+    """Return the speed [rad/s] above which a hand turns a quarter of the time."""
+    usable = np.isfinite(quaternions).all(axis=1)
+    if times is not None:
+        usable &= np.isfinite(times)
+    if times is None or usable.sum() < 2:
+        return 0.0
+    turned, clock = quaternions[usable], times[usable]
+    reach = math.ceil(_CHORD * len(clock) / (np.ptp(clock) or math.inf)) or 1
+    steps = clock[reach:] - clock[:-reach]
+    overlap = np.abs(np.einsum("ij,ij->i", turned[reach:], turned[:-reach]))
+    angles = 2.0 * np.arccos(np.minimum(overlap, 1.0))[steps > 0.0]
+    return float(np.quantile(angles / steps[steps > 0.0], 0.75)) if angles.size else 0.0
 
 
 def recording(
@@ -271,10 +297,6 @@ def recording(
         if getattr(settings, option) is not None and not has_effect:
             notes.append(f"--{option.replace('_', '-')} has no effect on its columns")
     quaternions, wrenches, times, reading = None, None, None, ""
-    if form is not None:
-        _, unit = angles_of(settings.angles)
-        values, unit = quantity(form, unit if turning else None, "angles")
-        quaternions, reading = _turned(form, values, unit or "rad", settings, notes)
     if "secs" in columns and "t" not in columns:
         seconds = columns["secs"][0] - np.nanmin(columns["secs"][0])
         nanoseconds = columns.get("nsecs", (np.zeros(len(seconds)), None))[0]
@@ -283,7 +305,9 @@ def recording(
         stamps, unit = quantity(("t",), settings.time_unit, "times")
         times, unit = stamps[:, 0], unit or "s"
         steps = np.diff(np.sort(times[np.isfinite(times)]))
-        step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+        # Stamps that repeat are coarser than the samples are apart.
+        later = steps > 0.0
+        step = float(np.median(steps[later]) * later.mean()) if later.any() else 0.0
         likely = likely_time_unit(step)
         in_header = columns["t"][1]
         contradicted = settings.time_unit is None or in_header not in (None, unit)
@@ -293,6 +317,12 @@ def recording(
                 f"say --time-unit {likely}, or --time-unit {unit} if they are not"
             )
         times = times * SECONDS[unit]
+    if form is not None:
+        _, unit = angles_of(settings.angles)
+        values, unit = quantity(form, unit if turning else None, "angles")
+        quaternions, reading = _turned(
+            form, values, unit or "rad", times, settings, notes
+        )
     measured = columns.keys() & set(FORCE)
     if set(FORCE[:3]) <= measured:
         (forces, _), (moments, unit) = quantity(FORCE[:3]), quantity(FORCE[3:])

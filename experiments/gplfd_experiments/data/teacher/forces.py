@@ -51,15 +51,6 @@ class ForceConfig(Quantities):
     """Sensor's white noise: standard deviation per axis."""
 
 
-def hinge_inertia(door: DoorConfig) -> float:
-    """Return the moment of inertia of leaf and handle about the hinge [kg m²]."""
-    width = door.radius + door.leaf.backset + door.overhang
-    middle = 0.5 * width - door.overhang
-    leaf = (width**2 + door.leaf.thickness**2) / 12.0
-    leaf += middle**2 + door.leaf.handle_standoff**2
-    return door.panel_mass * leaf + _HANDLE_MASS * door.radius**2 + _ARMATURE
-
-
 def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArray:
     """Return the torques [N m], (N,), for opening angles φ [rad] at a rate [Hz].
 
@@ -94,7 +85,12 @@ def inertia_and_gravity(
     Of parts whose centres c turn by ψ: Σ m (∂c/∂φ)² + J (∂ψ/∂φ)² and Σ m g ∂c_y/∂φ.
     """
     if door.motion == "hinged":
-        return np.full_like(angles, hinge_inertia(door)), np.zeros_like(angles)
+        width = door.radius + door.leaf.backset + door.overhang
+        middle = 0.5 * width - door.overhang
+        leaf = (width**2 + door.leaf.thickness**2) / 12.0
+        leaf += middle**2 + door.leaf.handle_standoff**2
+        hinge = door.panel_mass * leaf + _HANDLE_MASS * door.radius**2 + _ARMATURE
+        return np.full_like(angles, hinge), np.zeros_like(angles)
     links, depth = links_of(door), -door.leaf.handle_standoff
     # Edges of the leaves, from the handle away from the hinge [m].
     far, near = -door.radius - door.overhang, door.leaf.backset

@@ -6,8 +6,7 @@ In float32, ``observation.state`` is position and quaternion, ``action`` the nex
 import contextlib
 import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +20,6 @@ from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
 from gplfd_experiments.data.readers.tables import FORCE
 from gplfd_experiments.data.writers import states_of
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import write_json
@@ -34,9 +32,17 @@ with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow
     import pyarrow.parquet
 
+_Columns = dict[str, Any]
+"""Columns of one episode, (N, d), or N PNG files each, by their names in the format.
+States and actions are positions [m] and quaternions; an action is reached at the next
+sample. Wrenches are of the environment on the hand [N, N m], in the frame of the states
+and about the position of the hand."""
+_ACTION: Final = "action"
+_PICTURES: Final = "observation.images."
+_POSE: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+_COMPONENTS: Final = {STATE: _POSE, _ACTION: _POSE, WRENCH: list(FORCE)}
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
 _EQUAL: Final = 0.05  # Largest relative difference of time steps.
-_NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 _SAMPLED: Final = 50  # Number of pictures for the statistics of colours.
 _FILE: Final = "chunk-000/file-000.parquet"
 _ABOUT: Final = {
@@ -62,27 +68,6 @@ _TASKS: Final = {
 """What pandas needs to know of the table of tasks, in which the task is the index."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Rows:
-    """One demonstration, a row per sample."""
-
-    rate: float
-    """Samples per second [Hz]."""
-    states: FloatArray
-    """Position [m] and quaternion, the scalar last, (N, 7)."""
-    actions: FloatArray
-    """The state to be reached at the next sample, (N, 7)."""
-    wrenches: FloatArray | None
-    """Forces and moments of the environment on the hand, in the frame of the states and
-    about the position of the hand [N, N m], (N, 6); or none."""
-    signals: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Other recorded signals, (N, d) each."""
-    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
-    """PNG files by the name of their camera, N each, all of the same size."""
-    task: str = "recorded motion"
-    """Description of the task."""
-
-
 def export_demonstrations(
     source: Path,
     target: Path,
@@ -104,57 +89,59 @@ def export_demonstrations(
     if target.exists():
         raise ValueError(f"--out {target} exists; give another")
     if (source / "data/metadata.json").is_file():
-        rows = _episode_rows(source, rate or (10 if cameras else 100), cameras, size)
+        rate = rate or (10 if cameras else 100)
+        rates, task = [float(rate)], "open the door"
+        episodes = _recorded(source, rate, cameras, size)
     elif cameras or rate is not None:
         raise ValueError(
             f"{source} holds motions alone; --pictures and --rate are for episodes of "
             "`gplfd demos record`"
         )
     else:
-        rows = _demonstration_rows(load_demonstrations(source))
-    _write(target, rows)
-    return len(rows)
+        task = "recorded motion"
+        rates, episodes = _demonstrated(load_demonstrations(source))
+    _write(target, rates, episodes, task)
+    return len(episodes)
 
 
-def _demonstration_rows(labelled: LabelledDemonstrations) -> list[_Rows]:
-    """Return the rows of demonstrations; raise ValueError unless steps are equal."""
-    rows: list[_Rows] = []
+def _demonstrated(
+    labelled: LabelledDemonstrations,
+) -> tuple[list[float], list[_Columns]]:
+    """Return rates [Hz] and columns; raise ValueError unless steps are equal."""
+    rates, episodes = list[float](), list[_Columns]()
     for number, demonstration in enumerate(labelled.demonstrations):
         times, wrenches = demonstration.times, demonstration.wrenches
         steps = np.diff(times)
-        rate = len(steps) / float(times[-1] - times[0])
-        usual = rows[0].rate if rows else rate
-        if np.abs(steps * usual - 1.0).max() > _EQUAL:
+        rates.append(len(steps) / float(times[-1] - times[0]))
+        if np.abs(steps * rates[0] - 1.0).max() > _EQUAL:
             raise ValueError(
                 f"demonstration {number} is not sampled at equal steps of "
-                f"{1.0 / usual:.4g} s; import all with --rate 100"
+                f"{1.0 / rates[0]:.4g} s; import all with --rate 100"
             )
         states = states_of(demonstration.poses)
-        rows.append(
-            _Rows(
-                rate=rate,
-                states=states,
-                actions=np.vstack([states[1:], states[-1:]]),
-                # As the environment observes them: of the opposite sign.
-                wrenches=None if wrenches is None else -wrenches,
-                signals=labelled.signals[number] if labelled.signals else {},
-            )
-        )
-    return rows
+        columns: _Columns = {STATE: states}
+        columns[_ACTION] = np.vstack([states[1:], states[-1:]])
+        signals = labelled.signals[number] if labelled.signals else {}
+        columns |= {f"observation.{name}": signals[name] for name in sorted(signals)}
+        if wrenches is not None:
+            # As the environment observes them: of the opposite sign.
+            columns[WRENCH] = -wrenches
+        episodes.append(columns)
+    return rates, episodes
 
 
-def _episode_rows(
+def _recorded(
     source: Path, rate: int, cameras: Sequence[str], size: tuple[int, int]
-) -> list[_Rows]:
-    """Return the rows of episodes; an action is the last command before the next."""
-    from gplfd_experiments.data.minari import PHYSICS_STATE, STATE, open_dataset
+) -> list[_Columns]:
+    """Return columns of episodes; an action is the last command before the next."""
+    from gplfd_experiments.data import minari
 
     if not 0 < rate <= _CONTROL_RATE or _CONTROL_RATE % rate:
         raise ValueError(
             f"--rate {rate} must divide the {_CONTROL_RATE} steps per second of an "
             "episode: 100, 50, 25, 20, 10, 5, ..."
         )
-    rows, dataset = [], open_dataset(source)
+    episodes, dataset = list[_Columns](), minari.open_dataset(source)
     with contextlib.closing(dataset.make_environment()) as env:
         numbers = range(dataset.n_episodes)
         for number in progress_bar(numbers, desc="exporting", unit="episode"):
@@ -166,17 +153,18 @@ def _episode_rows(
             # In one sequence, so that the signs of a state and its action agree.
             poses = np.stack([seen, commanded], axis=1)
             both = states_of(poses.reshape(-1, 6)).reshape(len(steps), 2, 7)
+            columns: _Columns = {STATE: both[:, 0], _ACTION: both[:, 1]}
+            columns[WRENCH] = episode.observations["wrench"][steps]
             if cameras:
                 env.reset(seed=episode.seed, options=dict(episode.options) or None)
             inner: Any = env.unwrapped
-            pictures: dict[str, list[bytes]] = {}
             for name in cameras:
                 # Drawn from the physics states, as PNG files.
-                files = pictures[name] = []
+                files: list[bytes] = []
                 camera = Camera(inner.model, *size, name, effects=False)
                 with contextlib.closing(camera):
-                    for state in episode.infos[PHYSICS_STATE][steps]:
-                        mujoco.mj_setState(inner.model, inner.data, state, STATE)
+                    for state in episode.infos[minari.PHYSICS_STATE][steps]:
+                        mujoco.mj_setState(inner.model, inner.data, state, minari.STATE)
                         mujoco.mj_forward(inner.model, inner.data)
                         try:
                             picture = camera.picture("rgb_array", inner.data)
@@ -185,94 +173,70 @@ def _episode_rows(
                         file = io.BytesIO()
                         Image.fromarray(np.asarray(picture)).save(file, format="png")
                         files.append(file.getvalue())
-            rows.append(
-                _Rows(
-                    rate=float(rate),
-                    states=both[:, 0],
-                    actions=both[:, 1],
-                    wrenches=episode.observations["wrench"][steps],
-                    signals={},
-                    pictures=pictures,
-                    task="open the door",
-                )
-            )
-    return rows
+                columns[_PICTURES + name] = files
+            episodes.append(columns)
+    return episodes
 
 
-class _Columns:
-    """The columns of all samples, one episode after the other."""
-
-    def __init__(self) -> None:
-        self.data: dict[str, Any] = {}
-        self.features: dict[str, dict[str, Any]] = {}
-        self.statistics: dict[str, dict[str, Any]] = {}
-
-    def add(
-        self, name: str, values: np.ndarray, names: list[str] | None = None
-    ) -> None:
-        """Add a column of numbers, (N,), or of vectors of them, (N, d)."""
+def _described(name: str, values: Any) -> tuple[Any, Any, Any]:
+    """Return a column of numbers or PNG files, its feature, and its statistics."""
+    feature: dict[str, Any]
+    if name.startswith(_PICTURES):
+        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
+        column = pyarrow.array([{"bytes": f, "path": None} for f in values], kind)
+        some = values[:: max(1, len(values) // _SAMPLED)]
+        pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
+        colours = np.concatenate([image.reshape(-1, 3, 1, 1) for image in pixels])
+        samples, names = colours / 255.0, ["height", "width", "channels"]
+        feature = {"dtype": "image", "shape": list(pixels[0].shape), "names": names}
+    else:
         samples = values.astype(np.float64).reshape(len(values), -1)
         column, width = pyarrow.array(values.ravel()), samples.shape[1]
         if values.ndim == 2:
             column = pyarrow.FixedSizeListArray.from_arrays(column, width)
-        feature = {"dtype": str(values.dtype), "shape": [width], "names": names}
-        self._store(name, column, feature, samples)
-
-    def stack(self, name: str, parts: Any, names: list[str] | None = None) -> None:
-        """Add a column of vectors in float32."""
-        self.add(name, np.vstack(parts).astype(np.float32), names)
-
-    def add_pictures(self, name: str, files: Sequence[bytes]) -> None:
-        """Add a column of PNG files."""
-        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
-        column = pyarrow.array([{"bytes": file, "path": None} for file in files], kind)
-        some = files[:: max(1, len(files) // _SAMPLED)]
-        pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
-        colours = np.concatenate([image.reshape(-1, 3, 1, 1) for image in pixels])
-        names = ["height", "width", "channels"]
-        feature = {"dtype": "image", "shape": list(pixels[0].shape), "names": names}
-        self._store(name, column, feature, colours / 255.0)
-
-    def _store(self, name: str, column: Any, feature: Any, samples: np.ndarray) -> None:
-        """Store a column, and statistics of samples (N, d), or (N, 3, 1, 1)."""
-        self.data[name], self.features[name] = column, feature
-        self.statistics[name] = {"count": [len(column)]} | {
-            kind: getattr(samples, kind)(axis=0).tolist()
-            for kind in ("min", "max", "mean", "std")
-        }
+        feature = {"dtype": str(values.dtype), "shape": [width]}
+        feature["names"] = _COMPONENTS.get(name)
+    if name == WRENCH:
+        feature["info"] = AS_OBSERVED
+    statistics = {
+        kind: getattr(samples, kind)(axis=0).tolist()
+        for kind in ("min", "max", "mean", "std")
+    }
+    return column, feature, {"count": [len(values)]} | statistics
 
 
-def _write(path: Path, demonstrations: Sequence[_Rows]) -> None:
-    """Write a data set; raise ValueError if the rate is no whole number [Hz]."""
-    rate = round(demonstrations[0].rate)
-    if any(abs(rows.rate / max(rate, 1) - 1.0) > 0.01 for rows in demonstrations):
+def _write(
+    path: Path, rates: Sequence[float], episodes: Sequence[_Columns], task: str
+) -> None:
+    """Write a data set; raise ValueError if a rate is no whole number [Hz]."""
+    rate = round(rates[0])
+    if any(abs(exact / max(rate, 1) - 1.0) > 0.01 for exact in rates):
         raise ValueError(
-            f"LeRobot counts whole samples per second, got {demonstrations[0].rate:.4g}"
-            "; import the recordings with --rate 100"
+            f"LeRobot counts whole samples per second, got {rates[0]:.4g}; import the "
+            "recordings with --rate 100"
         )
-    lengths = np.array([len(rows.states) for rows in demonstrations])
-    episode, ends = np.arange(len(lengths)), np.cumsum(lengths)
+    lengths = np.array([len(columns[STATE]) for columns in episodes])
+    numbers, ends = np.arange(len(lengths)), np.cumsum(lengths)
     frames = np.concatenate([np.arange(length) for length in lengths])
-    columns = _Columns()
-    columns.stack(STATE, [rows.states for rows in demonstrations], _NAMES)
-    columns.stack("action", [rows.actions for rows in demonstrations], _NAMES)
-    for name in sorted(set.intersection(*(set(r.signals) for r in demonstrations))):
-        signals = [rows.signals[name] for rows in demonstrations]
-        columns.stack(f"observation.{name}", signals)
-    if all(rows.wrenches is not None for rows in demonstrations):
-        columns.stack(WRENCH, [rows.wrenches for rows in demonstrations], list(FORCE))
-        columns.features[WRENCH]["info"] = AS_OBSERVED
-    for camera in demonstrations[0].pictures:
-        files = [file for rows in demonstrations for file in rows.pictures[camera]]
-        columns.add_pictures(f"observation.images.{camera}", files)
-    columns.add("timestamp", (frames / rate).astype(np.float32))
-    columns.add("frame_index", frames)
-    columns.add("episode_index", np.repeat(episode, lengths))
-    columns.add("index", np.arange(len(frames)))
-    columns.add("task_index", np.zeros(len(frames), dtype=np.int64))
-    episodes = {
-        "episode_index": episode,
-        "tasks": [[rows.task] for rows in demonstrations],
+    whole: dict[str, Any] = {}
+    for name in episodes[0]:
+        if all(name in columns for columns in episodes):
+            parts = [columns[name] for columns in episodes]
+            if name.startswith(_PICTURES):
+                whole[name] = [file for files in parts for file in files]
+            else:
+                whole[name] = np.vstack(parts).astype(np.float32)
+    whole["timestamp"] = (frames / rate).astype(np.float32)
+    whole["frame_index"] = frames
+    whole["episode_index"] = np.repeat(numbers, lengths)
+    whole["index"] = np.arange(len(frames))
+    whole["task_index"] = np.zeros(len(frames), dtype=np.int64)
+    data, features, statistics = {}, {}, {}
+    for name, values in whole.items():
+        data[name], features[name], statistics[name] = _described(name, values)
+    about = {
+        "episode_index": numbers,
+        "tasks": [[task]] * len(lengths),
         "length": lengths,
         "dataset_from_index": ends - lengths,
         "dataset_to_index": ends,
@@ -282,22 +246,22 @@ def _write(path: Path, demonstrations: Sequence[_Rows]) -> None:
             for index in ("chunk", "file")
         },
     }
-    tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
+    tasks = pyarrow.table({"task_index": [0], "task": [task]})
     tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_TASKS)})
     info = _ABOUT | {
-        "total_episodes": len(demonstrations),
+        "total_episodes": len(lengths),
         "total_frames": len(frames),
         "fps": rate,
-        "splits": {"train": f"0:{len(demonstrations)}"},
-        "features": columns.features,
+        "splits": {"train": f"0:{len(lengths)}"},
+        "features": features,
     }
     with complete_folder(path) as written:
         for table, file in (
-            (pyarrow.table(columns.data), f"data/{_FILE}"),
-            (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
+            (pyarrow.table(data), f"data/{_FILE}"),
+            (pyarrow.table(about), f"meta/episodes/{_FILE}"),
             (tasks, "meta/tasks.parquet"),
         ):
             (written / file).parent.mkdir(parents=True, exist_ok=True)
             pyarrow.parquet.write_table(table, written / file)
-        write_json(written / "meta/stats.json", columns.statistics)
+        write_json(written / "meta/stats.json", statistics)
         write_json(written / INFO, info, indent=4)

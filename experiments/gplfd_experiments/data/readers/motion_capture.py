@@ -1,9 +1,8 @@
-"""Skeletons: a segment of Xsens MVN in XML (.mvnx), a joint of Biovision (.bvh).
+"""Motion capture: a segment of Xsens, a joint of Biovision, markers of C3D."""
 
-A Biovision hierarchy has no unit; positions in its frames replace a joint's OFFSET.
-"""
-
+import math
 import re
+import struct
 from itertools import takewhile
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -15,11 +14,18 @@ from scipy.spatial.transform import Rotation
 from gplfd_experiments.data.raw import RawRecording, chosen
 from gplfd_experiments.data.settings import RADIANS, ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.libraries import optional_libraries
 
 _DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
 """Default joints; the first one that exists is used."""
 _MOTION: Final = re.compile(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)")
 _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
+_UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
+_UNCOUNTED: Final = 2**16 - 1  # Last frame in the header of a longer file.
+_BLOCK: Final = 512  # C3D files consist of blocks of so many bytes.
+_RIGID: Final = 0.01
+"""Distances of markers on a rigid body are constant to this share of its size."""
+_MOSTLY: Final = 0.5  # Share of the frames with all markers in which this must be true.
 
 
 class _Joint(NamedTuple):
@@ -30,10 +36,11 @@ class _Joint(NamedTuple):
     channels: dict[str, int]
 
 
-def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motion of a segment or joint; those of a joint are in any unit."""
-    if path.suffix.lower() == ".mvnx":
-        return [_segment_of_mvn(path, settings.body or "RightHand")]
+def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read the motion of a joint of a Biovision hierarchy, which has no unit.
+
+    Positions in its frames replace a joint's OFFSET.
+    """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     hierarchy, _, motion = text.partition("MOTION")
     joints, width = _skeleton(hierarchy)
@@ -58,8 +65,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     return [RawRecording(f"{path.name}: {body}", positions, None, times, quaternions)]
 
 
-def _segment_of_mvn(path: Path, segment: str) -> RawRecording:
-    """Return the motion of a segment in metres and Xsens' global frame."""
+def mvnx(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read the motion of a segment in metres and Xsens' global frame."""
+    segment = settings.body or "RightHand"
     rate, labels = 0.0, dict[str, int]()
     of_body = False  # Gloves have lists of segments of their own.
     indices: list[int] = []
@@ -96,7 +104,7 @@ def _segment_of_mvn(path: Path, segment: str) -> RawRecording:
     positions, quaternions = map(np.array, rows.values())
     # The times in the file are rounded to milliseconds.
     times, name = np.array(indices) / rate, f"{path.name}: {segment}"
-    return RawRecording(name, positions, "m", times, quaternions)
+    return [RawRecording(name, positions, "m", times, quaternions)]
 
 
 def _skeleton(hierarchy: str) -> tuple[dict[str, list[_Joint]], int]:
@@ -160,3 +168,85 @@ def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation
             vectors[:, axis] = frames[:, place] * RADIANS["deg"]
             turn = turn * Rotation.from_rotvec(vectors)
     return positions + rotations.apply(shift), rotations * turn
+
+
+def c3d(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read the motion of a marker (positions only) or of a rigid body.
+
+    The body is given by its markers, ``--body A,B,C``: its origin is their mean, its
+    axes are those of the file at the first sample that has them all.
+    """
+    with optional_libraries("C3D files need ezc3d", "c3d"):
+        import ezc3d
+    file = ezc3d.c3d(str(path))
+    points, parameters = file["data"]["points"], file["parameters"]["POINT"]
+    rate, count = float(file["header"]["points"]["frame_rate"]), points.shape[2]
+    # ezc3d corrects the number of frames of a cut file.
+    with path.open("rb") as stream:
+        width, analog, first, last, start = struct.unpack("<2x4H6xH", stream.read(18))
+    if not 0.0 < rate < math.inf or (last < _UNCOUNTED and count <= last - first):
+        raise ValueError(
+            f"it says it has {last - first + 1} frames at {rate:g} Hz, and has {count}:"
+            " it is cut"
+        )
+    # The header counts no further, and ezc3d reads as many as it counts.
+    size = (4 if parameters["SCALE"]["value"][0] < 0.0 else 2) * (4 * width + analog)
+    held = path.stat().st_size - _BLOCK * (start - 1)
+    if last >= _UNCOUNTED and held - count * size >= _BLOCK:
+        raise ValueError(
+            f"only {count} of its {held // size} frames can be read, because its header"
+            f" counts no further; export it in parts of at most {count} frames"
+        )
+    markers = points[:3].transpose(2, 1, 0)
+    # Programs that cannot write a missing marker write zeros.
+    markers = np.where((markers == 0.0).all(axis=2, keepdims=True), np.nan, markers)
+    # Markers by their labels; by numbers if labels are missing.
+    labels: list[str] = []
+    for number in ("", *map(str, range(2, 20))):
+        labels += parameters.get(f"LABELS{number}", {}).get("value", [])
+    labels += map(str, range(len(labels) + 1, points.shape[1] + 1))
+    places = {label.strip(): at for at, label in enumerate(labels[: points.shape[1]])}
+    body, quaternions = settings.body, None
+    if body is not None and "," in body and body not in places:
+        names = [name.strip() for name in body.split(",")]
+        columns = [chosen(name, places, "marker", file=path.name)[1] for name in names]
+        positions, quaternions = _rigid_body(markers[:, columns], names)
+    else:
+        body, place = chosen(body, places, "marker", file=path.name)
+        positions = markers[:, place]
+    unit = "".join(parameters.get("UNITS", {}).get("value", [])[:1]).strip().lower()
+    if unit and unit not in _UNITS and settings.units is None:
+        raise ValueError(
+            f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}; say --units"
+        )
+    name, times = f"{path.name}: {body}", np.arange(count) / rate
+    return [RawRecording(name, positions, _UNITS.get(unit), times, quaternions)]
+
+
+def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:
+    """Return mean and orientation of markers, (N, M, 3), by Kabsch's method."""
+    seen = np.isfinite(markers).all(axis=(1, 2))
+    means = markers.mean(axis=1)
+    arms = markers - means[:, None]
+    shape = arms[np.argmax(seen)]
+    quaternions = np.full((len(markers), 4), np.nan)
+    problem = "no frame has all of them"
+    if len(set(names)) < 3:
+        problem = "it needs three"
+    elif seen.any():
+        size = np.linalg.svd(shape, compute_uv=False)
+        for frame in np.flatnonzero(seen):
+            rotation, distance = Rotation.align_vectors(arms[frame], shape)
+            if distance <= math.sqrt(len(names)) * _RIGID * size[0]:
+                quaternions[frame] = rotation.as_quat(scalar_first=True)
+        rigid, complete = np.isfinite(quaternions[:, 0]).sum(), seen.sum()
+        if size[1] >= 1e-3 * size[0] and rigid >= _MOSTLY * complete:
+            return means, quaternions
+        problem = (
+            f"they lie on a line, or keep their distances to {_RIGID:.0%} in only "
+            f"{rigid} of {complete} frames"
+        )
+    raise ValueError(
+        f"the markers {', '.join(names)} are on no rigid body: {problem}; choose other "
+        "markers, or one for positions alone"
+    )
