@@ -55,7 +55,7 @@ def choice(default: Any, allowed: Any) -> Any:
 
 def allowed_range(record: type, field: str) -> Range:
     """Return the range that a field of a record declares."""
-    declared = {each.name: each.metadata for each in dataclasses.fields(record)}
+    declared = {x.name: x.metadata for x in dataclasses.fields(record)}
     allowed: Range = declared[field][_RANGE]
     return allowed
 
@@ -112,8 +112,8 @@ def checked_number(name: str, value: Any, allowed: Range) -> float:
     """Return a value as a float; raise a TypeError, or a ValueError out of range."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         kind = "a number or (low, high)" if allowed.pairs else "a number"
-        given = f"{value!r} ({type(value).__name__})"
-        raise TypeError(f"{name} must be {kind}, got {given}")
+        got = f"{value!r} ({type(value).__name__})"
+        raise TypeError(f"{name} must be {kind}, got {got}")
     try:
         number = float(value)
     except OverflowError:

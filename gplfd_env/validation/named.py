@@ -28,9 +28,9 @@ def preset(
         return spec
     if not isinstance(spec, str | Mapping):
         others = f"{otherwise}, {fields}" if otherwise else fields
-        given = f"{spec!r} ({type(spec).__name__})"
+        got = f"{spec!r} ({type(spec).__name__})"
         kinds = f"a preset's name, {others} or a {record.__name__}"
-        raise TypeError(f"{what} must be {kinds}, got {given}")
+        raise TypeError(f"{what} must be {kinds}, got {got}")
     changes = {"preset": spec} if isinstance(spec, str) else dict(spec)
     name = changes.pop("preset", start)
     if not isinstance(name, str) or name not in presets:
@@ -70,8 +70,8 @@ def record_of(value: object, record: type[Record], what: str) -> Record:
     if isinstance(value, Mapping):
         return with_fields(record(), value, what)
     if not isinstance(value, record):
-        given, kind = f"{value!r} ({type(value).__name__})", record.__name__
-        raise TypeError(f"{what} must be a {kind} or its fields, got {given}")
+        got, kind = f"{value!r} ({type(value).__name__})", record.__name__
+        raise TypeError(f"{what} must be a {kind} or its fields, got {got}")
     return value
 
 
