@@ -20,13 +20,7 @@ from gplfd_experiments.analysis.report.document import (
     markdown_page,
     told,
 )
-from gplfd_experiments.analysis.results.measures import (
-    by_condition,
-    by_policy,
-    grouped,
-    ranked,
-    remarks,
-)
+from gplfd_experiments.analysis.results import measures
 from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -75,7 +69,10 @@ def report(results: StudyResults, reference: str) -> Document:
             "cannot be judged by it; give another policy of the study"
         )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
-    conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
+    conditions = {
+        str(c): measures.ranked(group)
+        for c, group in measures.by_condition(episodes).items()
+    }
     lead = [*_warnings(results), *sections.tier_tables(results)]
     if conditions:
         lead.append(sections.summary_table(conditions))
@@ -136,7 +133,7 @@ def unfinished(results: StudyResults) -> str:
 
 def _warnings(results: StudyResults) -> list[Block]:
     """Return a paragraph with important warnings, if there are any."""
-    warnings = [literal(text) for text in remarks(results.episodes)]
+    warnings = [literal(text) for text in measures.remarks(results.episodes)]
     if failed := sum(bool(result.error) for result in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
@@ -156,7 +153,7 @@ def _warnings(results: StudyResults) -> list[Block]:
     every = {result.pair for result in results.episodes}
     gaps = [
         f"{code(policy)} {number}"
-        for policy, episodes in by_policy(results.episodes).items()
+        for policy, episodes in measures.by_policy(results.episodes).items()
         if (number := len(every - {result.pair for result in episodes}))
     ]
     if gaps:
@@ -200,7 +197,7 @@ def _origin(results: StudyResults) -> list[Block]:
             columns = ("name", "value")
             blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
     failed = [result for result in results.all if result.error]
-    reasons = grouped(failed, lambda result: result.error).items()
+    reasons = measures.grouped(failed, lambda result: result.error).items()
     errors = []
     for reason, group in sorted(reasons, key=lambda item: (-len(item[1]), item[0])):
         doors_of = (getattr(result.task, "door", "learning test") for result in group)

@@ -24,14 +24,8 @@ from gplfd_experiments.analysis.report.document import (
     literal,
     policy_table,
 )
-from gplfd_experiments.analysis.results import measures, statistics, trials
+from gplfd_experiments.analysis.results import measures, reading, statistics, trials
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, Runs
-from gplfd_experiments.analysis.results.reading import (
-    SPLITS,
-    EpisodeResult,
-    StudyResults,
-    TaskResult,
-)
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, ByLevel
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA, mark
@@ -45,13 +39,13 @@ from gplfd_experiments.studies.trials.protocol import (
 )
 from gplfd_policies.registry.built_in import TABLE_1
 
-Results = Sequence[TaskResult]
-Episodes = Sequence[EpisodeResult]
+Results = Sequence[reading.TaskResult]
+Episodes = Sequence[reading.EpisodeResult]
 
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
 
 
-def _counting(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
+def _counting(conditions: Mapping[str, Runs]) -> list[reading.EpisodeResult]:
     """Return all episodes that count, of all conditions."""
     groups = (group for runs in conditions.values() for group in runs.values())
     return [episode for group in groups for episode in group if episode.counts]
@@ -70,7 +64,9 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
                 closed = not any(episode.opened() for episode in group)
                 title = parts + ["opened no door (not ranked)"] * closed
                 groups.setdefault(": ".join(title), {})[policy] = group
-    splits = [s for s in SPLITS if any(episode.split == s for episode in counting)]
+    splits = [
+        s for s in reading.SPLITS if any(episode.split == s for episode in counting)
+    ]
 
     def row(episodes: Episodes) -> Cells:
         rates, forces = [], []
@@ -105,8 +101,8 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
 
 def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     """All measures of all conditions, with lost episodes; plots of the first one."""
-    title, all_runs = next(iter(conditions.items()))
-    runs = measures.counted(all_runs)
+    title, first = next(iter(conditions.items()))
+    runs = {policy: [e for e in group if e.counts] for policy, group in first.items()}
     several = len(conditions) > 1
     blocks: list[Block] = [
         Text(f"{'Plots: ' * several}{title}."),
@@ -264,7 +260,7 @@ _VERDICTS: Final = {
 """Results of a contrast."""
 
 
-def trial_sections(results: StudyResults, reference: str) -> list[Section]:
+def trial_sections(results: reading.StudyResults, reference: str) -> list[Section]:
     """Return the sections of trials: all ideas, then each trial."""
     ran = trials.of_trials(results)
     if not ran:
@@ -378,7 +374,7 @@ def ordered(trial: Trial, levels: ByLevel) -> dict[str, Runs]:
     """
 
     def rank(item: tuple[str, Episodes]) -> list[float]:
-        typical = {name: trials.summary(item[1], name) for name in trial.measures}
+        typical = {name: MEASURES[name].typical(item[1]) for name in trial.measures}
         opened = typical.get("success")
         ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
         for name, estimate in typical.items():
@@ -401,7 +397,8 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     def row(episodes: Episodes) -> Cells:
         cells = []
         for name in trial.measures:
-            measure, typical = MEASURES[name], trials.summary(episodes, name)
+            measure = MEASURES[name]
+            typical = measure.typical(episodes)
             text = typical.cell(measure.digits) if typical else "no value"
             cells.append((measure.title, text))
         return cells
@@ -415,7 +412,7 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     )
 
 
-def tier_tables(results: StudyResults) -> list[Block]:
+def tier_tables(results: reading.StudyResults) -> list[Block]:
     """Return a table per tier: policies by share of successes, and radial force.
 
     Policies took part in all levels, except those with a prior mean, which not all

@@ -54,6 +54,9 @@ class TaskResult:
     """Why there is no measurement; "" if there is one."""
     lost: bool
     """Whether the machine failed, not the policy; it is excluded everywhere."""
+    counts: bool
+    """Whether it is part of rates, medians and comparisons: neither lost, nor a
+    learning test with an error."""
     code: str
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
@@ -72,11 +75,6 @@ class TaskResult:
     def key(self) -> Key:
         """Seed, and the key of the task among those of all policies."""
         return self.task.seed, self.pair
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is part of rates, medians and comparisons."""
-        return not self.error
 
     @property
     def left_out(self) -> str:
@@ -112,11 +110,6 @@ class EpisodeResult(TaskResult):
     split: str
     """Relation of the door to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is part of rates and comparisons; false if the machine failed."""
-        return not self.lost
 
     def opened(self, angle: int = 60) -> bool:
         """Return whether the door ever reached 15, 30 or 60 degrees."""
@@ -250,6 +243,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "pair": replace(task, policy="", policy_source=None).key,
         "error": error,
         "lost": lost,
+        "counts": not (lost if isinstance(task, EpisodeTask) else error),
         "code": ", ".join(code) if versions else "unknown code",
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(

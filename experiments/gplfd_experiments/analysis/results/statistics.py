@@ -91,6 +91,9 @@ class Rate:
         return f"{self.successes}/{self.trials}\n{self.interval}"
 
 
+Estimate = Rate | Shift
+
+
 def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     """Return the success rate, from the seed and outcome of every trial.
 
