@@ -21,11 +21,7 @@ from gplfd_policies.registry.catalogue import policy_named
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
 ) -> int:
-    """Make the runs of some or all figures, draw them, return their number.
-
-    The seed is that of teacher, policy, environment and synthetic sets; the options of
-    the command are stored as metadata.
-    """
+    """Make the runs of some or all figures, draw them, and return their number."""
     if unknown := sorted(set(only) - set(FIGURES)):
         raise ValueError(
             f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"

@@ -145,10 +145,7 @@ def _at_limit(log: EpisodeLog, model: mujoco.MjModel, arm: Sequence[str]) -> str
 def episode_tasks(
     settings: EpisodeSettings, seeds: Sequence[int], **fields: Any
 ) -> list[EpisodeTask]:
-    """Return a task per door and seed, after checks of the settings.
-
-    The fields are further ones of tasks.
-    """
+    """Check settings; return a task per door and seed, with further fields of it."""
     arguments.check_least("--seed", settings.seed, 0)
     disturbance = fields.get("disturbance", "none")
     arguments.check_circumstances(settings.randomization, disturbance, settings.start)

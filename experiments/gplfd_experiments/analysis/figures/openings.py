@@ -96,10 +96,7 @@ class Opening:
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Replay the opening to its policy and store the forecast at some phases.
-
-    The log lacks the width of the 95 % interval; the policy provides it.
-    """
+    """Replay the opening to its policy for forecasts and the width of intervals."""
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
     decided = decisions(log, agent)

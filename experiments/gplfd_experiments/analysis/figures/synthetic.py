@@ -222,11 +222,7 @@ def shelf_motions(rng: np.random.Generator) -> list[ShelfMotion]:
 def phase_errors(
     motions: list[ShelfMotion], aligned: Mapping[str, AlignedDemonstrations]
 ) -> dict[str, float]:
-    """Return errors of phase by alignment; "clock" is without alignment.
-
-    The difference of true progress between aligned samples, rms over phases and
-    motions.
-    """
+    """Return the rms difference of true progress by alignment; "clock" is without."""
     phases = np.linspace(0.0, 1.0, 200)
     # Motions scaled to the same duration, not aligned.
     progress: dict[str, list[FloatArray]] = {"clock": []}

@@ -1,7 +1,4 @@
-"""Read the results of a study from its files as records.
-
-Files that cannot be read are listed with the reason.
-"""
+"""Read the results of a study from its files, and list those without a result."""
 
 import json
 import typing
@@ -82,10 +79,7 @@ class TaskResult:
         return getattr(self.task, "held_out", "recording")
 
     def number(self, name: str) -> float | None:
-        """Return a metric; None where it is missing.
-
-        After an error of the policy, the grasp counts as not kept.
-        """
+        """Return a metric or None; a policy that raises an error keeps no grasp."""
         if name == "grasp_kept" and "failure" in self.metrics:
             return float(self.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
         value: float | None = self.metrics.get(name)
@@ -94,11 +88,7 @@ class TaskResult:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EpisodeResult(TaskResult):
-    """The result of an episode.
-
-    If the policy raised an error, in learning or acting, the episode counts as a
-    failure, ``policy_error``, with a closed door.
-    """
+    """The result of an episode; an error of the policy counts as a closed door."""
 
     task: EpisodeTask
     radius: float

@@ -1,7 +1,4 @@
-"""Results of trials: numbers per seed, contrasts, trials.json, protocol check.
-
-trials.json contains every number of a trial, so that the result files are not needed.
-"""
+"""Results of trials: contrasts, trials.json with all numbers, check of the protocol."""
 
 import math
 from collections.abc import Mapping, Sequence
