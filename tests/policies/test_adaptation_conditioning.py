@@ -342,7 +342,7 @@ def test_deviation_covariance_has_the_demonstrated_variance():
 
 def likelihood(deviations):
     times, noise = np.linspace(0.0, 1.0, 25), np.exp(np.linspace(-3.0, 1.0, 25))
-    return DeviationLikelihood.of(times, deviations, noise)
+    return DeviationLikelihood(times, deviations, noise)
 
 
 def test_deviation_likelihood_gradient_equals_finite_differences():

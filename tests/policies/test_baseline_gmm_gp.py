@@ -90,7 +90,7 @@ def test_via_points_condition_it_as_any_gaussian(process):
 
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])
 def test_likelihood_gradient_equals_finite_differences(process, weight_power):
-    evidence = Evidence.of(process.regression, 15, weight_power)
+    evidence = Evidence(process.regression, 15, weight_power)
     point = np.log([*np.linspace(0.1, 0.6, 6), 1e-3])
     _, gradient = evidence.negative_log_likelihood(point)
     step = 1e-5
@@ -108,16 +108,17 @@ def test_likelihood_gradient_equals_finite_differences(process, weight_power):
 def test_likelihood_is_that_of_all_demonstrations_stacked(process):
     """One function, seen D times with noise, without the reduction to averages."""
     regression = process.regression
-    evidence = Evidence.of(regression, 8, 1.0)
+    evidence = Evidence(regression, 8, 1.0)
     chosen = np.searchsorted(regression.aligned.times, evidence.times)
     samples = regression.standardisation.apply(regression.aligned.poses[:, chosen])
     count = len(samples)
-    mean = np.tile(regression.standardised_moments(evidence.times)[0].T.ravel(), count)
-    stacked = samples.transpose(0, 2, 1).reshape(-1)
+    mean = np.tile(regression.standardised_moments(evidence.times)[0].ravel(), count)
+    stacked = samples.reshape(-1)
 
     def dense(scales, noise):
         kernel = MixtureKernel(regression=regression, length_scales=scales)
-        block = kernel(evidence.times, evidence.times).reshape(48, 48)
+        places = kernel.places(evidence.times)
+        block = kernel(places, places).reshape(48, 48)
         joint = np.tile(block, (count, count)) + noise * np.eye(48 * count)
         return -float(multivariate_normal.logpdf(stacked, mean, joint))
 

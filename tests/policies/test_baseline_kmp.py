@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_policies import ViaPoint
-from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
+from gplfd_policies.movements.baselines.kmp import KMPConfig, Reference, fit_kmp
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6
@@ -33,7 +33,8 @@ def blocks(primitive):
 
 def dense(primitive, times):
     """Eqs. (21) and (26) as printed: (M, 6) and (M, 6, M, 6), standardised."""
-    config, reference = primitive.config, primitive.reference
+    reference = primitive.reference
+    config = reference.config
     kernel = np.kron(
         correlation(reference.phases, reference.phases, config.length_scale), np.eye(6)
     )
@@ -71,13 +72,15 @@ def shifted(primitive, phase, stds, sigma):
 @pytest.mark.parametrize("times", [GRID, np.linspace(-0.4, 1.5, 20)])
 @pytest.mark.parametrize("lambda_c", [1500.0, 25.0])
 def test_prediction_is_the_published_dense_formula(small, times, lambda_c):
-    config = replace(small.config, covariance_regularisation=lambda_c)
+    config = replace(small.reference.config, covariance_regularisation=lambda_c)
     some = shifted(small, 0.4321, 1.0, 1e-3)
     partly = replace(some, phase=0.77, pose=np.where(np.arange(6) % 2, np.nan, 0.1))
-    primitives = [
-        replace(movement, config=config)
-        for movement in (small, small.adapt([some, partly]))
-    ]
+    primitives = []
+    for movement in (small, small.adapt([some, partly])):
+        entries = (
+            vars(movement.reference)[n] for n in ("phases", "means", "precisions")
+        )
+        primitives.append(replace(movement, reference=Reference(config, *entries)))
     for primitive in primitives:
         mean, covariance = dense(primitive, times)
         predicted = primitive.predict(times)
@@ -106,3 +109,14 @@ def test_a_via_point_takes_the_place_of_an_entry_at_its_phase(primitive):
     here = both.predict(np.array([again.phase]))
     scale = primitive.regression.standardisation.scale
     assert (np.abs(here.mean[0] - again.pose) < 0.01 * scale).all()
+
+
+def test_updates_equal_smoothing_the_whole_reference(primitive):
+    points = [shifted(primitive, 0.0312 * k, 0.5, 2e-3) for k in range(1, 30)]
+    points += [shifted(primitive, 0.7013, std, 0.0) for std in (1.0, 1.0, -1.0)]
+    adapted = primitive.adapt(points)
+    updated = adapted.reference
+    entries = updated.phases, updated.means, updated.precisions
+    pairs = updated.moments(GRID), Reference(updated.config, *entries).moments(GRID)
+    for ours, theirs in zip(*pairs, strict=True):
+        assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max())

@@ -98,7 +98,8 @@ def test_observations_choose_the_mode_that_is_followed():
     unsure = movement.adapt([ViaPoint(phase=TIMES[4], pose=place, std=0.1)])
     densities = []
     for mode in movement.modes:
-        spread = mode.prior_covariance(TIMES[[4]], TIMES[[4]])[0, :3, 0, :3]
+        here = mode.places(TIMES[[4]])
+        spread = mode.seen.covariance(here, here)[0, :3, 0, :3]
         density = multivariate_normal(mode.mean[4, :3], spread + 0.01 * np.eye(3))
         densities.append(density.pdf(seen[4, :3]))
     assert_allclose(np.exp([mode.log_evidence for mode in unsure.modes]), densities)

@@ -5,7 +5,6 @@ import pytest
 import scipy
 from numpy.testing import assert_allclose
 
-from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.prodmp import (
     ProDMPConfig,
     fit_prodmp,
@@ -48,26 +47,3 @@ def test_basis_functions_solve_the_published_equation(config):
     assert_allclose(basis(clock), (values / scale).T, atol=1e-6)
     slopes /= scale
     assert_allclose(basis(clock, 1), slopes.T, atol=1e-6 * np.abs(slopes).max())
-
-
-@pytest.mark.parametrize("along", [0.0, 0.02])
-def test_conditioning_equals_that_of_a_joint_gaussian(prodmp, aligned, along):
-    """Of all outputs at all phases, with the covariance that the weights give them."""
-    phases = np.append(GRID, [0.3, 0.8])
-    basis, _ = prodmp.basis(phases)
-    matrix = np.kron(np.eye(6), basis)
-    joint = matrix @ prodmp.weight_covariance @ matrix.T
-    mean = matrix @ prodmp.weight_mean
-    seen = np.array([d * phases.size + v for v in (101, 102) for d in range(6)])
-    points = [
-        ViaPoint(phase=phase, pose=aligned.poses[1, row], std=2e-3, along=along)
-        for phase, row in ((0.3, 60), (0.8, 160))
-    ]
-    noise = 4e-6 * np.eye(12) + along**2 * np.kron(np.eye(2), np.ones((6, 6)))
-    gain = joint[:, seen] @ np.linalg.inv(joint[np.ix_(seen, seen)] + noise)
-    missed = np.concatenate([point.pose for point in points]) - mean[seen]
-    expected = (mean + gain @ missed).reshape(6, -1)[:, :-2].T
-    variance = np.diag(joint - gain @ joint[seen]).reshape(6, -1)[:, :-2].T
-    adapted = prodmp.adapt(points).predict(GRID)
-    assert_allclose(adapted.mean, expected, atol=1e-8)
-    assert_allclose(adapted.std**2, variance + prodmp.noise_variance, atol=1e-9)

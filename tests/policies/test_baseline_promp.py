@@ -92,28 +92,6 @@ def test_distribution_equals_the_library_for_the_same_weights(
     )
 
 
-def test_conditioning_equals_that_of_a_joint_gaussian(promp):
-    """Also where the outputs of a via-point share an error."""
-    along = np.array([0.02, 0.3, -0.01, 0.0, 0.05, 0.01])
-    points = [via_point(0.3, std=2e-3, free=(1, 3, 5)), via_point(0.8, free=(0, 2, 4))]
-    points[0] = replace(points[0], along=along)
-    matrix = dense(promp.config, np.append(GRID, [0.3, 0.8]))
-    joint = matrix @ promp.weight_covariance @ matrix.T
-    mean = matrix @ promp.weight_mean
-    size = GRID.size + 2
-    seen = np.array([size * d + GRID.size for d in (0, 2, 4)])
-    seen = np.append(seen, [size * d + GRID.size + 1 for d in (1, 3, 5)])
-    values = np.append(points[0].pose[[0, 2, 4]], points[1].pose[[1, 3, 5]])
-    noise = np.diag(np.repeat([4e-6, 1e-6], 3))
-    noise[:3, :3] += np.outer(along[[0, 2, 4]], along[[0, 2, 4]])
-    gain = joint[:, seen] @ np.linalg.inv(joint[np.ix_(seen, seen)] + noise)
-    expected = (mean + gain @ (values - mean[seen])).reshape(6, size)[:, :-2].T
-    variance = np.diag(joint - gain @ joint[seen]).reshape(6, size)[:, :-2].T
-    adapted = promp.adapt(points).predict(GRID)
-    assert_allclose(adapted.mean, expected, atol=1e-8)
-    assert_allclose(adapted.std**2, variance + promp.noise_variance, atol=1e-9)
-
-
 def test_few_demonstrations_span_few_movements(aligned):
     published = fit_promp(aligned, ProMPConfig(shrinkage=0.0))
     rank = np.linalg.matrix_rank(published.weight_covariance, tol=1e-10)

@@ -21,7 +21,7 @@ MEAN = np.array([[4.0, 1.0], [1.0, 2.0]])
 
 
 def prior(degrees=3, floor=1e-3):
-    return WishartPrior.over((0.0, 1.0), 0.2, MEAN, degrees, floor)
+    return WishartPrior((0.0, 1.0), 0.2, MEAN, degrees, floor)
 
 
 def covariance(process, weights, times):
@@ -74,7 +74,7 @@ def likelihood_case():
     curves = rng.normal(size=(5, 7, 2)) + 4.0
     times = np.linspace(0.0, 1.0, 7)
     deviations = curves - curves.mean(axis=0)
-    return process, curves, WishartLikelihood.of(process, times, deviations)
+    return process, curves, WishartLikelihood(process, times, deviations)
 
 
 def test_likelihood_is_that_of_independent_contrasts():
@@ -131,9 +131,9 @@ def test_posterior_averages_the_covariances_of_its_samples():
 
 def test_sampler_averages_what_the_posterior_says():
     """One output, one degree, one time: the posterior of u² by quadrature."""
-    process = WishartPrior.over((0.0, 1.0), 0.3, np.array([[2.0]]), 1, 0.01)
+    process = WishartPrior((0.0, 1.0), 0.3, np.array([[2.0]]), 1, 0.01)
     deviations = np.array([[0.7], [-0.2], [-0.5]])[:, :, None]
-    likelihood = WishartLikelihood.of(process, np.array([0.4]), deviations)
+    likelihood = WishartLikelihood(process, np.array([0.4]), deviations)
     grid = np.linspace(-8.0, 8.0, 4001)
     variance = 2.0 * (0.99 * grid**2 + 0.01)
     scatter = 0.7**2 + 0.2**2 + 0.5**2

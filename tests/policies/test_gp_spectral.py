@@ -81,7 +81,7 @@ def test_basis_interpolates_and_differentiates_smooth_curves(size, accuracy):
 def test_spectral_evidence_equals_dense(size, scale):
     times, samples, noise = demonstrations(1, size)
     basis = LegendreBasis(start=0.0, stop=1.0, size=48)
-    spectral = SpectralEvidence.reduce(basis, times, samples[0], noise)
+    spectral = SpectralEvidence(basis, times, samples[0], noise)
     dense = DenseEvidence(times=times, values=samples[0], noise=noise)
     for length in (0.11, 0.4, 2.0):
         kernel = RBF(length_scale=length, signal_std=0.7)
@@ -104,7 +104,7 @@ def test_spectral_posterior_equals_dense():
     replicates = Replicates.from_samples(times, samples)
     dense = replicates.condition(KERNEL, noise)
     basis = LegendreBasis(start=0.0, stop=1.0, size=48)
-    evidence = SpectralEvidence.reduce(basis, times, replicates.mean, noise / 6.0)
+    evidence = SpectralEvidence(basis, times, replicates.mean, noise / 6.0)
     weights, factor = evidence.condition(KERNEL)
     grid = np.linspace(0.0, 1.0, 77)
     matrix = basis.matrix(grid)
@@ -152,6 +152,6 @@ def test_cost_of_the_evidence_does_not_grow_with_the_samples():
     basis = LegendreBasis(start=0.0, stop=1.0, size=48)
     for size in (100, 3000):
         times, samples, noise = demonstrations(1, size)
-        reduced = SpectralEvidence.reduce(basis, times, samples[0], noise)
+        reduced = SpectralEvidence(basis, times, samples[0], noise)
         assert reduced.triangle.shape == (48, 48)
         assert reduced.projected.shape == (48,)

@@ -160,22 +160,13 @@ class NoAdaptation:
 
 
 class OwnAdaptation(NoAdaptation):
-    """Adapts a movement by its own ``adapt``, each time with all via-points so far."""
+    """Adapts a movement by its own ``adapt``, once for every via-point."""
 
     def __init__(self, movement: Adaptable, grid: Times) -> None:
         super().__init__(movement, grid)
         self._movement, self._grid = movement, grid
-        self._via_points: list[ViaPoint] = []
-        self._outdated = False
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Add a via-point."""
-        self._via_points.append(via_point)
-        self._outdated = True
-
-    def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid."""
-        if self._outdated:
-            adapted = self._movement.adapt(tuple(self._via_points))
-            self._trajectory, self._outdated = adapted.predict(self._grid), False
-        return self._trajectory
+        """Condition on one more via-point."""
+        self._movement = self._movement.adapt((via_point,))
+        self._trajectory = self._movement.predict(self._grid)

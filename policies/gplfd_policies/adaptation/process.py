@@ -6,24 +6,21 @@ numbers z_i per output, which are independent a priori:
     y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + white noise.
 
 A via-point at *any* phase observes all outputs at once, each with its own noise and one
-shared error (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of
-the curves,
-
-    S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
-    z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
-
-exactly for any ρ (``test_shared_error_equals_dense_conditioning``) and on any grid.
+shared error (`ViaPoint.along`), exactly and on any grid
+(`gplfd_policies.gp.conditioning`, ``test_shared_error_equals_dense_conditioning``).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import scipy
 
 from gplfd_policies.arrays.records import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
+from gplfd_policies.gp.conditioning import Innovation
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import LegendreBasis
@@ -40,7 +37,7 @@ _OWN_SHARE = 0.5  # size of a door's own force relative to the demonstrated forc
 _OWN_PRIOR = (0.98, 0.01, 0.01)
 """Probability that a door has no own force, a constant one, or a varying one."""
 _OWN_SCALE = 0.1  # length scale of the varying part of a door's own force, in phase
-_OUTPUTS, _DIAGONAL = np.arange(6)[:, None], np.diag_indices(6)
+_OUTPUTS = np.arange(6)[:, None]
 
 Local = tuple[Pose, Pose, Float[np.ndarray, "6 R"]]
 """m_i, the white variance and φ_i at one phase, before any via-point."""
@@ -108,6 +105,8 @@ class ConditionedProcess:
     ν degrees of freedom.
     """
 
+    _white_is_seen: ClassVar = True  # whether a via-point has this noise, too
+
     def __init__(self, prior: Repetition, free: float | None, grid: Times) -> None:
         self.grid, self._basis, self._free = grid, prior.basis, free
         # Coefficients of every curve: m, log white, ṁ, and φ by output.
@@ -153,7 +152,8 @@ class ConditionedProcess:
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)
-        self.update(here, via_point.pose, via_point.own_variance + here[1], along)
+        white = here[1] if self._white_is_seen else 0.0
+        self.update(here, via_point.pose, via_point.own_variance + white, along)
 
     def at(self, phase: float) -> Local:
         """Return the prior at a phase within demonstrations and grid."""
@@ -171,32 +171,27 @@ class ConditionedProcess:
     ) -> None:
         """Condition on a pose, given `at`; infinite noise is for free outputs."""
         mean, _, curves = here
-        observed = np.isfinite(noise_variance)
-        design = self._design
-        design[_OUTPUTS, self._places] = curves * observed[:, None]
-        innovation = np.where(observed, pose - (mean + design @ self._state), 0.0)
+        design, places = self._design, self._places
+        design[_OUTPUTS, places] = curves
         gain = self._covariance @ design.T
-        error, variance = observed * along, np.maximum(noise_variance, self._floor)
-        covariance = design @ gain + np.multiply.outer(error, error)
-        covariance[_DIAGONAL] += np.where(observed, variance, 1.0)
-        root = np.linalg.cholesky(covariance)
-        inverse_root, _ = scipy.linalg.lapack.dtrtri(root, lower=1)
-        half = gain @ inverse_root.T
-        whitened = inverse_root @ innovation
-        self._state += half @ whitened
+        missed = pose - (mean + design @ self._state)
+        variance = np.maximum(noise_variance, self._floor)
+        new = Innovation.of(design @ gain, missed, variance, along)
+        half = (gain * new.observed) @ new.inverse_root.T
+        self._state += half @ new.whitened
         self._covariance = scipy.linalg.blas.dgemm(
             -1.0, half, half, trans_b=1, beta=1.0, c=self._covariance, overwrite_c=1
         )
-        on_grid = self._curves @ half[self._places]
-        self._mean += (on_grid @ whitened).T
+        on_grid = self._curves @ half[places]
+        self._mean += (on_grid @ new.whitened).T
         self._variance -= np.einsum("imk,imk->mi", on_grid, on_grid)
         # Squared innovation of each output over its variance, given the other five.
-        alone = whitened @ inverse_root
-        precision = np.einsum("ki,ki->i", inverse_root, inverse_root)
-        self._observed += observed
+        alone = new.whitened @ new.inverse_root
+        precision = np.einsum("ki,ki->i", new.inverse_root, new.inverse_root)
+        self._observed += new.observed
         self._distance += alone * alone / precision
-        self._sequential += float(whitened @ whitened)
-        self._log_variance += 2.0 * float(np.sum(np.log(root[_DIAGONAL])))
+        self._sequential += float(new.whitened @ new.whitened)
+        self._log_variance += 2.0 * new.log_root
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
@@ -280,6 +275,8 @@ class ExactAdaptation(ConditionedProcess):
     inform the rest (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
+    _white_is_seen = False
+
     def __init__(self, skill: Skill, grid: Times) -> None:
         """Start from the demonstrations; arguments as for `ProcessAdaptation`."""
         processes, times = skill.processes, skill.aligned.times
@@ -289,11 +286,6 @@ class ExactAdaptation(ConditionedProcess):
         log_white = np.log(moments.noise)
         prior = Repetition.from_covariance(basis, moments.mean, covariance, log_white)
         super().__init__(prior, skill.degrees_of_freedom, grid)
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place, in O(n² + M n)."""
-        here, along = self.at(via_point.phase), np.asarray(via_point.along)
-        self.update(here, via_point.pose, via_point.own_variance, along)
 
     def _scale(self) -> Pose:
         return np.ones(6)

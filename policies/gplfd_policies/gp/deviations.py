@@ -112,25 +112,16 @@ class DeviationProcess:
         return self.white * self.split(noise)[1]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationLikelihood:
     """The log-likelihood of θ from Σ_k e_k e_kᵀ of D − 1 degrees of freedom."""
 
-    times: Times
-    noise: Curve
-    scatter: Gram
-    free: int
-
-    @classmethod
-    def of(
-        cls, times: Times, deviations: Curves, noise: Curve
-    ) -> "DeviationLikelihood":
-        """The likelihood of D deviations e_k = y_k − ȳ, thinned."""
+    def __init__(self, times: Times, deviations: Curves, noise: Curve) -> None:
+        """Take D deviations e_k = y_k − ȳ, thinned."""
         kept = thinned(len(times), _GRID)
         kept = kept[noise[kept] >= _NEGLIGIBLE * np.mean(noise)]
         chosen = deviations[:, kept]
-        scatter, free = chosen.T @ chosen, len(deviations) - 1
-        return cls(times=times[kept], noise=noise[kept], scatter=scatter, free=free)
+        self.times, self.noise = times[kept], noise[kept]
+        self.scatter, self.free = chosen.T @ chosen, len(deviations) - 1
 
     def process(self, theta: Parameters) -> DeviationProcess:
         """Return the covariance for θ."""
@@ -180,7 +171,7 @@ class DeviationLikelihood:
 
 def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
     """Fit the covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
-    likelihood = DeviationLikelihood.of(times, deviations, noise)
+    likelihood = DeviationLikelihood(times, deviations, noise)
     average, span = float(np.mean(noise)), float(times[-1] - times[0])
 
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:

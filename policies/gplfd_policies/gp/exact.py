@@ -188,7 +188,7 @@ class Replicates:
     ) -> Posterior:
         """`condition` in a basis that can represent the kernel."""
         noise = noise_variance / self.count
-        evidence = SpectralEvidence.reduce(basis, self.times, self.mean, noise)
+        evidence = SpectralEvidence(basis, self.times, self.mean, noise)
         return evidence.condition(kernel)
 
     def condition(self, kernel: RBF, noise_variance: Curve) -> ExactGP:
@@ -199,7 +199,6 @@ class Replicates:
         )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class SpectralEvidence:
     """The evidence log N(y | 0, K(l, σ_f) + c·N) from q × q matrices, N diagonal.
 
@@ -216,37 +215,21 @@ class SpectralEvidence:
     (``test_spectral_posterior_equals_dense``).
     """
 
-    basis: LegendreBasis
-    triangle: Float[np.ndarray, "P Q"]
-    """R of N^(−½) A = Q R."""
-    projected: Float[np.ndarray, " P"]
-    """u = Qᵀ N^(−½) y."""
-    residual: float
-    """ρ² = ‖N^(−½) y − Q u‖²."""
-    size: int
-    """Number of samples M."""
-    log_noise: float
-
-    @classmethod
-    def reduce(
-        cls, basis: LegendreBasis, times: Times, values: Curve, noise: Curve
-    ) -> "SpectralEvidence":
-        """One pass over the samples; noise variances must be > 0."""
+    def __init__(
+        self, basis: LegendreBasis, times: Times, values: Curve, noise: Curve
+    ) -> None:
+        """Reduce M samples in one pass; noise variances must be > 0."""
         root = 1.0 / np.sqrt(noise)
         whitened = values * root
         design = basis.shared_matrix(times) * root[:, None]
-        orthogonal, triangle = scipy.linalg.qr(
+        orthogonal, self.triangle = scipy.linalg.qr(
             design, mode="economic", check_finite=False
         )
-        projected = orthogonal.T @ whitened
-        return cls(
-            basis=basis,
-            triangle=triangle,
-            projected=projected,
-            residual=float(np.sum((whitened - orthogonal @ projected) ** 2)),
-            size=len(times),
-            log_noise=float(np.sum(np.log(noise))),
-        )
+        self.basis, self.size = basis, len(times)
+        self.projected = orthogonal.T @ whitened  # u = Qᵀ N^(−½) y
+        # ρ² = ‖N^(−½) y − Q u‖²
+        self.residual = float(np.sum((whitened - orthogonal @ self.projected) ** 2))
+        self.log_noise = float(np.sum(np.log(noise)))
 
     def __call__(self, kernel: RBF, scale: float) -> tuple[float, np.ndarray]:
         """Value, and derivatives with respect to (log l, log σ_f, log c), (3,)."""
@@ -344,13 +327,13 @@ def _search(
     if len(times) > size:
         limit = max(comfortable, shortest)
         basis = LegendreBasis(start=times[0], stop=times[-1], size=size)
-        evidence: Evidence = SpectralEvidence.reduce(basis, times, values, noise)
+        evidence: Evidence = SpectralEvidence(basis, times, values, noise)
         fitted = _maximise(evidence, span, limit, replicates)
         if fitted[0].length_scale > 1.05 * limit * span or limit == shortest:
             return fitted
         wider = LegendreBasis.for_length_scale(times[0], times[-1], shortest * span)
         if wider is not None and wider.size < len(times):
-            evidence = SpectralEvidence.reduce(wider, times, values, noise)
+            evidence = SpectralEvidence(wider, times, values, noise)
             return _maximise(evidence, span, shortest, replicates)
     evidence = DenseEvidence(times=times, values=values, noise=noise)
     return _maximise(evidence, span, shortest, replicates)

@@ -278,16 +278,6 @@ class ViaPoint:
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)
 
 
-def stacked(via_points: Sequence[ViaPoint]) -> tuple[Times, Outputs, Outputs, Outputs]:
-    """Return phases (V,), poses, own variances and shared errors (V, 6)."""
-    phases = np.array([float(point.phase) for point in via_points])
-    poses, variances, along = (
-        np.array([getattr(point, name) for point in via_points]).reshape(-1, 6)
-        for name in ("pose", "own_variance", "along")
-    )
-    return phases, poses, variances, along
-
-
 def _of_outputs(name: str, value: float | Pose) -> Pose:
     """Return one number per output."""
     numbers = np.asarray(value)
@@ -323,8 +313,8 @@ class Movement(Predictor, Protocol):
 class Adaptable(Movement, Protocol):
     """A movement with its own conditioning on via-points."""
 
-    def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
-        """Return the movement conditioned on all ``via_points``."""
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "Adaptable":
+        """Return the movement conditioned on further via-points."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

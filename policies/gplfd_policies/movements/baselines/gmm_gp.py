@@ -16,21 +16,21 @@ As published, K(t, t) = Σ_l h_l² Σ̂_l is over-confident where components ove
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.records import thinned
-from gplfd_policies.arrays.shapes import Covariances, Float, Int, Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.conditioning import ConditionedFunctions, Places
 from gplfd_policies.movements.baselines.gmr import (
     GaussianMixtureRegression,
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint, stacked
+from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
 # Published values are for letters, which were written over 2 s and vary by 25 cm²:
 # seconds are halved and variances divided by 25.
@@ -68,16 +68,18 @@ class MixtureKernel:
     """ℓ_l of the Matérn-5/2 correlation k_l [phase]."""
     weight_power: float = 1.0
 
-    def __call__(
-        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
-    ) -> Float[np.ndarray, "6 A 6 B"]:
+    def places(self, times: Times) -> Places:
+        """Return what covariances depend on at phases: t and h_l(t)^p."""
+        return times, self.weights(times).T
+
+    def __call__(self, a: Places, b: Places) -> Float[np.ndarray, "A 6 B 6"]:
         """Covariance of every output at ``a`` with every output at ``b``."""
-        distance = np.sqrt(5.0) * np.abs(np.subtract.outer(a, b))
+        distance = np.sqrt(5.0) * np.abs(np.subtract.outer(a[0], b[0]))
         scaled = distance / self.length_scales[:, None, None]
         correlation = (1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled)
-        correlation *= self.weights(a)[:, :, None] * self.weights(b)[:, None, :]
+        correlation *= a[1].T[:, :, None] * b[1].T[:, None, :]
         outputs = self.regression.conditional_covariances
-        joint = np.tensordot(outputs, correlation, axes=(0, 0))
+        joint = np.tensordot(correlation, outputs, axes=(0, 0))
         return np.ascontiguousarray(joint.transpose(0, 2, 1, 3))
 
     def variance(self, times: Times) -> Outputs:
@@ -92,7 +94,6 @@ class MixtureKernel:
         return weights**self.weight_power
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class Evidence:
     """Likelihood of the demonstrations as noisy observations of one function.
 
@@ -100,34 +101,20 @@ class Evidence:
     scatter, which depends only on σ², are sufficient.
     """
 
-    regression: GaussianMixtureRegression
-    times: Float[np.ndarray, " T"]
-    residual: Float[np.ndarray, " P"]
-    """Average minus m(t), standardised, output by output; P = 6 T for T phases."""
-    scatter: float
-    """Sum of squares about the average of D demonstrations."""
-    count: int
-    weight_power: float
-
-    @classmethod
-    def of(
-        cls, regression: GaussianMixtureRegression, phases: int, weight_power: float
-    ) -> "Evidence":
-        """The evidence of the regression's demonstrations at a number of phases."""
+    def __init__(
+        self, regression: GaussianMixtureRegression, phases: int, weight_power: float
+    ) -> None:
+        """Take the regression's demonstrations at a number of phases."""
+        self.regression, self.weight_power = regression, weight_power
         aligned = regression.aligned
         chosen = thinned(len(aligned.times), phases)
-        times = aligned.times[chosen]
+        self.times = aligned.times[chosen]
         samples = regression.standardisation.apply(aligned.poses[:, chosen])
-        average = samples.mean(axis=0)
-        mean, _ = regression.standardised_moments(times)
-        return cls(
-            regression=regression,
-            times=times,
-            residual=(average - mean).T.ravel(),
-            scatter=float(np.sum((samples - average) ** 2)),
-            count=len(samples),
-            weight_power=weight_power,
-        )
+        average, self.count = samples.mean(axis=0), len(samples)
+        mean, _ = regression.standardised_moments(self.times)
+        # Average minus m(t), phase by phase, and sum of squares about the average.
+        self.residual = (average - mean).ravel()
+        self.scatter = float(np.sum((samples - average) ** 2))
 
     def negative_log_likelihood(
         self, log_parameters: Float[np.ndarray, " H"]
@@ -141,7 +128,8 @@ class Evidence:
             weight_power=self.weight_power,
         )
         size, share = self.residual.size, noise / self.count
-        covariance = kernel(self.times, self.times).reshape(size, size)
+        places = kernel.places(self.times)
+        covariance = kernel(places, places).reshape(size, size)
         covariance.flat[:: size + 1] += share
         factor = scipy.linalg.cho_factor(covariance.T, lower=True, overwrite_a=True)
         solved = scipy.linalg.cho_solve(factor, self.residual)
@@ -160,8 +148,8 @@ class Evidence:
         slope *= weights[:, :, None] * weights[:, None, :]
         over_outputs = np.tensordot(
             self.regression.conditional_covariances,
-            inner.reshape(6, len(self.times), 6, len(self.times)),
-            axes=([1, 2], [0, 2]),
+            inner.reshape(len(self.times), 6, len(self.times), 6),
+            axes=([1, 2], [1, 3]),
         )
         by_scale = 0.5 * np.sum(over_outputs * slope, axis=(1, 2))
         return value, np.append(by_scale, by_noise)
@@ -175,53 +163,36 @@ class GMMGaussianProcess(MomentMovement):
     """The prior mean."""
     kernel: MixtureKernel
     """The prior covariance."""
-    via_points: tuple[ViaPoint, ...] = ()
+    seen: ConditionedFunctions
+    """Deviation from the prior mean, given via-points; standardised."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "GMMGaussianProcess":
         """The process conditioned on further via-points, each with its own noise."""
-        return replace(self, via_points=(*self.via_points, *via_points))
-
-    @cached_property
-    def _evidence(self) -> tuple[Times, Int[np.ndarray, " P"], np.ndarray, np.ndarray]:
-        """Phases, indices of the P of 6 V outputs, S = L Lᵀ as L, S⁻¹ misses."""
-        standardisation = self.regression.standardisation
-        phases, poses, noise, along = stacked(self.via_points)
-        noise = (noise / standardisation.scale**2).T.ravel()
-        entries = np.flatnonzero(np.isfinite(noise))
-        mean, _ = self.regression.standardised_moments(phases)
-        missed = (standardisation.apply(poses) - mean).T.ravel()[entries]
-        full = self.kernel(phases, phases).reshape(noise.size, noise.size)
-        covariance = full[np.ix_(entries, entries)]
-        noise = np.maximum(noise[entries], _STRONGEST**2)
-        covariance[np.diag_indices_from(covariance)] += noise
-        along = (along / standardisation.scale).T.ravel()[entries]
-        which = entries % max(len(phases), 1)
-        covariance += np.where(which[:, None] == which, np.outer(along, along), 0.0)
-        # Transposed it is the same matrix, in the order that LAPACK does not copy.
-        lower, _ = scipy.linalg.cho_factor(covariance.T, lower=True, overwrite_a=True)
-        return phases, entries, lower, scipy.linalg.cho_solve((lower, True), missed)
-
-    def _gain(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "P 6*M"]]:
-        """Change of the mean, and the root of what via-points explain."""
-        phases, entries, lower, solved = self._evidence
-        across = self.kernel(phases, times).reshape(-1, 6 * len(times))[entries]
-        half = scipy.linalg.solve_triangular(
-            lower, across, lower=True, check_finite=False
-        )
-        return (solved @ across).reshape(6, -1).T, half
+        standardisation, seen = self.regression.standardisation, self.seen
+        for via_point in via_points:
+            phase = np.array([float(via_point.phase)])
+            mean, _ = self.regression.standardised_moments(phase)
+            noise = via_point.own_variance / standardisation.scale**2
+            seen, _ = seen.given(
+                self.kernel.places(phase),
+                standardisation.apply(via_point.pose) - mean[0],
+                np.maximum(noise, _STRONGEST**2),
+                np.asarray(via_point.along) / standardisation.scale,
+            )
+        return replace(self, seen=seen)
 
     def _moments(self, times: Times) -> Moments:
         mean, _ = self.regression.standardised_moments(times)
-        change, half = self._gain(times)
-        explained = np.einsum("pm,pm->m", half, half).reshape(6, -1).T
+        change, half = self.seen.explained(self.kernel.places(times))
+        explained = np.einsum("pmi,pmi->mi", half, half)
         variance = np.maximum(self.kernel.variance(times) - explained, 0.0)
         return self.regression.standardisation.moments(mean + change, variance)
 
     def _covariance(self, times: Times) -> Covariances:
-        prior = self.kernel(times, times)
-        covariance = np.stack([prior[output, :, output] for output in range(6)])
-        half = self._gain(times)[1].reshape(-1, 6, len(times))
-        covariance -= np.einsum("pdm,pdn->dmn", half, half, optimize=True)
+        places = self.kernel.places(times)
+        covariance = np.einsum("mini->imn", self.kernel(places, places))
+        half = self.seen.explained(places)[1].transpose(2, 1, 0)
+        covariance = covariance - half @ half.mT
         return self.regression.standardisation.covariance(covariance)
 
 
@@ -230,7 +201,7 @@ def fit_gmm_gp(
 ) -> GMMGaussianProcess:
     """Learn the process: fit the mixture, then the length-scales by likelihood."""
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
-    evidence = Evidence.of(regression, config.phases, config.weight_power)
+    evidence = Evidence(regression, config.phases, config.weight_power)
     count = len(regression.weights)
     start = np.append(np.full(count, FIRST_LENGTH_SCALE), np.sqrt(np.prod(NOISE_RANGE)))
     scales = np.log([config.shortest_length_scale, LONGEST_LENGTH_SCALE])
@@ -247,4 +218,7 @@ def fit_gmm_gp(
     kernel = MixtureKernel(
         regression=regression, length_scales=lengths, weight_power=power
     )
-    return GMMGaussianProcess(aligned=aligned, regression=regression, kernel=kernel)
+    seen = ConditionedFunctions(kernel, kernel.places(np.empty(0)))
+    return GMMGaussianProcess(
+        aligned=aligned, regression=regression, kernel=kernel, seen=seen
+    )

@@ -21,16 +21,17 @@ kernel's power series (`RBF.features`) in an orthonormal basis of the reference.
 an unconstrained output has zero precision.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.conditioning import conditioned
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.baselines.gmr import (
     GaussianMixtureRegression,
@@ -65,90 +66,107 @@ class KMPConfig(Quantities):
     is the variance far from the reference."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class Reference:
-    """A reference trajectory; it is never changed."""
+    """A reference trajectory, standardised, and its smoothing; it is never changed."""
 
-    phases: Float[np.ndarray, " N"]
-    """t_i; in the order of entry, not of phase."""
-    means: Float[np.ndarray, "N 6"]
-    """μ_i."""
-    precisions: Float[np.ndarray, "N 6 6"]
-    """Σ_i⁻¹; rows and columns of unconstrained outputs are zero."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SmoothedReference:
-    """Mean and covariance of Eqs. (21) and (26) at any phase."""
-
-    kernel: RBF
-    centre: float
-    """Phase about which the series of the kernel, of variance one, is taken."""
-    basis: Float[np.ndarray, "F R"]
-    """φ(t) = kernel.features(t) basis."""
-    weights: Float[np.ndarray, "6 R"]
-    """A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ."""
-    blocks: Float[np.ndarray, "6 R R"]
-    """Blocks of A_c⁻¹ for one output with itself, transposed, as LAPACK leaves them."""
-    amplitude: float
-    """N/λ_c."""
-
-    @classmethod
-    def fit(cls, reference: Reference, config: KMPConfig) -> "SmoothedReference":
-        """Smooth a reference."""
-        kernel = RBF(length_scale=config.length_scale, signal_std=1.0)
-        phases = np.unique(reference.phases)
-        centre = 0.5 * (phases[0] + phases[-1])
-        reach = (phases[-1] - centre) / kernel.length_scale
+    def __init__(
+        self,
+        config: KMPConfig,
+        phases: Float[np.ndarray, " N"],
+        means: Float[np.ndarray, "N 6"],
+        precisions: Float[np.ndarray, "N 6 6"],
+    ) -> None:
+        """Smooth t_i, μ_i and Σ_i⁻¹, whose rows of unconstrained outputs are zero."""
+        self.config, self.phases = config, phases
+        self.means, self.precisions = means, precisions
+        self._kernel = RBF(length_scale=config.length_scale, signal_std=1.0)
+        different = np.unique(phases)
+        # Phase about which the series of the kernel is taken.
+        self._centre = 0.5 * float(different[0] + different[-1])
+        reach = (different[-1] - self._centre) / config.length_scale
         # Later terms of the series are below 1e-16 everywhere on the reference.
         terms = int(reach**2 + 10.0 * reach) + 20
-        series = kernel.features(phases, centre, terms)
+        series = self._kernel.features(different, self._centre, terms)
         values, vectors = scipy.linalg.svd(series, full_matrices=False)[1:]
-        basis = vectors[values > _SMALLEST * values[0]].T
-        rows = kernel.features(reference.phases, centre, terms) @ basis
+        self._basis = vectors[values > _SMALLEST * values[0]].T
 
-        # Λ, and solutions with A = I + Λ/λ and A_c = I + Λ/λ_c.
-        size = rows.shape[1]
-        weighed = rows[:, None, None, :] * reference.precisions[..., None]
+        # Λ, the solution with A = I + Λ/λ, and the inverses of A and A_c = I + Λ/λ_c.
+        rows = self.features(phases)
+        size = 6 * rows.shape[1]
+        weighed = rows[:, None, None, :] * precisions[..., None]
         information = np.tensordot(rows, weighed, axes=(0, 0))
-        information = information.transpose(1, 0, 2, 3).reshape(6 * size, 6 * size)
+        information = information.transpose(1, 0, 2, 3).reshape(size, size)
 
-        def solved(regularisation: float, right: np.ndarray) -> np.ndarray:
-            matrix = np.eye(6 * size) + information / regularisation
+        def inverse(regularisation: float) -> np.ndarray:
+            matrix = np.eye(size) + information / regularisation
             factor = scipy.linalg.cho_factor(matrix, lower=True, overwrite_a=True)
-            return np.asarray(scipy.linalg.cho_solve(factor, right))
+            return np.asarray(scipy.linalg.cho_solve(factor, np.eye(size)))
 
-        targets = np.einsum("nde,ne->nd", reference.precisions, reference.means)
-        weights = solved(config.mean_regularisation, (targets.T @ rows).ravel())
-        inverse = solved(config.covariance_regularisation, np.eye(6 * size))
-        blocks = inverse.reshape(6, size, 6, size)
-        return cls(
-            kernel=kernel,
-            centre=float(centre),
-            basis=basis,
-            weights=weights.reshape(6, size) / config.mean_regularisation,
-            blocks=np.stack([blocks[d, :, d].T for d in range(6)]),
-            amplitude=len(reference.phases) / config.covariance_regularisation,
-        )
+        targets = np.einsum("nde,ne->nd", precisions, means)
+        self._by_mean = inverse(config.mean_regularisation)
+        self._by_covariance = inverse(config.covariance_regularisation)
+        right = (targets.T @ rows).ravel() / config.mean_regularisation
+        self._weights = self._by_mean @ right
+
+    def given(self, phase: float, pose: Pose, variance: Pose) -> "Reference":
+        """Return it with another entry of independent errors, which replaces others."""
+        config = self.config
+        tolerance = _SAME_PHASE * float(np.ptp(self.phases)) / (config.references - 1)
+        kept = np.abs(self.phases - phase) >= tolerance
+        mean = np.where(np.isfinite(variance), pose, 0.0)[None]
+        precision = np.diag(1.0 / variance)[None]
+        entries = {
+            "phases": np.append(self.phases[kept], phase),
+            "means": np.concatenate([self.means[kept], mean]),
+            "precisions": np.concatenate([self.precisions[kept], precision]),
+        }
+        within = np.min(self.phases) <= phase <= np.max(self.phases)
+        if not (within and kept.all()):
+            # The basis may grow, and an update cannot take back an entry.
+            return Reference(config, **entries)
+        later = copy.copy(self)
+        vars(later).update(entries)
+        told = np.kron(np.eye(6), self.features(np.array([phase]))), pose
+        for name, regularisation in (
+            ("_by_covariance", config.covariance_regularisation),
+            ("_by_mean", config.mean_regularisation),
+        ):
+            noise, inverse = regularisation * variance, vars(self)[name]
+            later._weights, vars(later)[name] = conditioned(
+                self._weights, inverse, *told, noise
+            )
+        return later
 
     def features(self, times: Times) -> Float[np.ndarray, "M R"]:
         """φ(t)."""
-        series = self.kernel.features(times, self.centre, len(self.basis))
-        return np.asarray(series @ self.basis)
+        series = self._kernel.features(times, self._centre, len(self._basis))
+        return np.asarray(series @ self._basis)
 
     def moments(self, times: Times) -> tuple[Outputs, Outputs]:
-        """Mean and variance of every output."""
+        """Mean, Eq. (21), and variance of every output, the diagonal of Eq. (26)."""
         rows = self.features(times)
         beyond = np.maximum(1.0 - np.sum(rows**2, axis=1), 0.0)
-        within = np.sum((rows @ self.blocks.mT) * rows, axis=2).T
-        return rows @ self.weights.T, self.amplitude * (beyond[:, None] + within)
+        within = np.maximum(np.sum((rows @ self._blocks) * rows, axis=2).T, 0.0)
+        mean = rows @ self._weights.reshape(6, -1).T
+        return mean, self._amplitude * (beyond[:, None] + within)
 
     def covariance(self, times: Times) -> Covariances:
-        """Covariance between phases of every output."""
+        """Covariance between phases of every output, Eq. (26)."""
         rows = self.features(times)
-        beyond = self.kernel(times, times) - rows @ rows.T
-        covariance: np.ndarray = beyond + rows @ self.blocks.mT @ rows.T
-        return self.amplitude * covariance
+        beyond = self._kernel(times, times) - rows @ rows.T
+        covariance: np.ndarray = beyond + rows @ self._blocks @ rows.T
+        return self._amplitude * covariance
+
+    @property
+    def _amplitude(self) -> float:
+        return len(self.phases) / self.config.covariance_regularisation
+
+    @property
+    def _blocks(self) -> Float[np.ndarray, "6 R R"]:
+        """Blocks of A_c⁻¹ for one output with itself."""
+        size = self._basis.shape[1]
+        inverse = self._by_covariance.reshape(6, size, 6, size)
+        return np.asarray(np.einsum("didj->dij", inverse))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -160,9 +178,8 @@ class KernelizedMovementPrimitive(MomentMovement):
     """
 
     regression: GaussianMixtureRegression
-    config: KMPConfig
     reference: Reference
-    """The reference with via-points, standardised, taken from the mixture."""
+    """The reference with via-points, taken from the mixture."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
         """Return the primitive with via-points that replace references at their phase.
@@ -170,36 +187,21 @@ class KernelizedMovementPrimitive(MomentMovement):
         A standard deviation σ enters as the covariance σ²/N, because every entry has
         the weight 1/N. An error that outputs share counts as independent errors.
         """
-        standardisation = self.regression.standardisation
-        count = self.config.references
-        tolerance = _SAME_PHASE * float(np.ptp(self.aligned.times)) / (count - 1)
-        reference = self.reference
+        standardisation, reference = self.regression.standardisation, self.reference
         for via_point in via_points:
             variance = via_point.noise_variance / standardisation.scale**2
-            precision = count / np.maximum(variance, _STRONGEST**2)
+            variance = np.maximum(variance, _STRONGEST**2) / reference.config.references
             pose = standardisation.apply(via_point.pose)
-            mean = np.where(precision > 0.0, pose, 0.0)[None]
-            kept = np.abs(reference.phases - via_point.phase) >= tolerance
-            precisions = reference.precisions[kept], np.diag(precision)[None]
-            reference = Reference(
-                phases=np.append(reference.phases[kept], via_point.phase),
-                means=np.concatenate([reference.means[kept], mean]),
-                precisions=np.concatenate(precisions),
-            )
+            reference = reference.given(float(via_point.phase), pose, variance)
         return replace(self, reference=reference)
 
-    @cached_property
-    def _smoothed(self) -> SmoothedReference:
-        return SmoothedReference.fit(self.reference, self.config)
-
     def _moments(self, times: Times) -> Moments:
-        """Eq. (21), and the diagonal of Eq. (26)."""
-        return self.regression.standardisation.moments(*self._smoothed.moments(times))
+        standardisation = self.regression.standardisation
+        return standardisation.moments(*self.reference.moments(times))
 
     def _covariance(self, times: Times) -> Covariances:
-        """Eq. (26)."""
-        smoothed = self._smoothed.covariance(times)
-        return self.regression.standardisation.covariance(smoothed)
+        covariance = self.reference.covariance(times)
+        return self.regression.standardisation.covariance(covariance)
 
 
 def fit_kmp(
@@ -209,8 +211,7 @@ def fit_kmp(
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)
     means, covariances = regression.standardised_moments(phases)
-    precisions = np.linalg.inv(covariances)
-    reference = Reference(phases=phases, means=means, precisions=precisions)
+    reference = Reference(config, phases, means, np.linalg.inv(covariances))
     return KernelizedMovementPrimitive(
-        aligned=aligned, regression=regression, config=config, reference=reference
+        aligned=aligned, regression=regression, reference=reference
     )

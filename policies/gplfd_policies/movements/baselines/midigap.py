@@ -20,7 +20,7 @@ Assumptions where the sources give no information or the benchmark needs more:
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -39,13 +39,13 @@ from gplfd_policies.arrays.shapes import (
     Times,
 )
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.conditioning import ConditionedFunctions, Places
 from gplfd_policies.movements.movement import (
     GaussianTrajectory,
     LearnedMovement,
     MomentMovement,
     Moments,
     ViaPoint,
-    stacked,
 )
 
 _LEAST: Final = 1e-4  # least standard deviation, relative to the output's greatest
@@ -72,78 +72,72 @@ class DiscreteTimeGP(MomentMovement):
     """Mean position and Fréchet mean of the orientation at every step [m, rad]."""
     roots: OutputCurves
     """Deviations e_i / √(K - 1) at every step, in fixed axes [m, rad]."""
-    length_scale: float
-    via_points: tuple[ViaPoint, ...] = ()
+    seen: ConditionedFunctions
+    """Deviation from the mean, given via-points."""
+    log_evidence: float = 0.0
+    """Log density of the via-points under the mode."""
 
-    def _at(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "M 6 K"]]:
-        """Mean, and roots for the rotation vector; constant outside the task."""
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "DiscreteTimeGP":
+        """The mode conditioned on further via-points."""
+        seen, log_evidence = self.seen, self.log_evidence
+        for via_point in via_points:
+            noise = via_point.own_variance
+            places = self.places(np.array([float(via_point.phase)]))
+            mean = places[1]
+            pose = np.where(np.isfinite(noise), via_point.pose, mean[0])
+            turn = compose_rotvecs(pose[3:], -mean[0, 3:])
+            missed = pose - mean[0]
+            missed[3:] = rotvec_jacobian(mean[0, 3:]) @ turn
+            noise, along = np.maximum(noise, self._white), np.asarray(via_point.along)
+            seen, new = seen.given(places, missed, noise, along)
+            constant = np.log(2.0 * np.pi) * np.count_nonzero(new.observed)
+            misfit = constant + new.whitened @ new.whitened
+            log_evidence -= 0.5 * float(misfit) + new.log_root
+        return replace(self, seen=seen, log_evidence=log_evidence)
+
+    def places(self, times: Times) -> Places:
+        """Phases, mean, and roots (M, 6, K) for the rotation vector.
+
+        Mean and roots are constant outside the task.
+        """
         steps, both = self.aligned.times, np.concatenate([self.mean[None], self.roots])
         interpolated = scipy.interpolate.make_interp_spline(steps, both, k=1, axis=1)
         curves = interpolated(np.clip(times, steps[0], steps[-1]))
         mean, roots = curves[0], curves[1:].transpose(1, 2, 0).copy()
         roots[:, 3:] = rotvec_jacobian(mean[:, 3:]) @ roots[:, 3:]
-        return mean, roots
-
-    def prior_covariance(
-        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
-    ) -> Float[np.ndarray, "A 6 B 6"]:
-        """Covariance of the outputs at ``a`` with those at ``b``, before evidence."""
-        taper = np.exp(-0.5 * (np.subtract.outer(a, b) / self.length_scale) ** 2)
-        products = np.tensordot(self._at(a)[1], self._at(b)[1], axes=(2, 2))
-        return np.asarray(products * taper[:, None, :, None])
+        return times, mean, roots
 
     @property
     def _white(self) -> Float[np.ndarray, " 6"]:
         variance = np.sum(self.roots**2, axis=0).max(axis=0)
         return np.asarray(_LEAST**2 * np.maximum(variance, FINEST**2))
 
-    @cached_property
-    def _evidence(self) -> tuple[Times, np.ndarray, np.ndarray, np.ndarray]:
-        """Phases, indices of constrained outputs, S = L Lᵀ as L, L⁻¹ times errors."""
-        phases, poses, noise, along = stacked(self.via_points)
-        mean, _ = self._at(phases)
-        poses = np.where(np.isfinite(noise), poses, mean)
-        turns = compose_rotvecs(poses[:, 3:], -mean[:, 3:])[:, :, None]
-        turns = (rotvec_jacobian(mean[:, 3:]) @ turns)[:, :, 0]
-        missed = np.hstack([poses[:, :3] - mean[:, :3], turns]).ravel()
-        covariance = self.prior_covariance(phases, phases)
-        every = np.arange(len(phases))
-        covariance[every, :, every] += along[:, :, None] * along[:, None]
-        covariance = covariance.reshape(missed.size, missed.size)
-        covariance += np.diag(np.maximum(noise, self._white).ravel())
-        seen = np.flatnonzero(np.isfinite(noise))
-        root = np.linalg.cholesky(covariance[np.ix_(seen, seen)])
-        white = scipy.linalg.solve_triangular(root, missed[seen], lower=True)
-        return phases, seen, root, white
-
-    @property
-    def log_evidence(self) -> float:
-        """Log density of the via-points under the mode; 0 without via-points."""
-        _, _, root, white = self._evidence
-        log_root = np.sum(np.log(np.sqrt(2.0 * np.pi) * np.diag(root)))
-        return float(-0.5 * white @ white - log_root)
-
-    def _gain(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "P M 6"]]:
-        """Change of the mean, and the root of the explained covariance."""
-        phases, seen, root, white = self._evidence
-        across = self.prior_covariance(phases, times).reshape(-1, 6 * len(times))
-        half = scipy.linalg.solve_triangular(root, across[seen], lower=True)
-        return (white @ half).reshape(-1, 6), half.reshape(len(half), len(times), 6)
-
     def _moments(self, times: Times) -> Moments:
-        (mean, roots), (change, half) = self._at(times), self._gain(times)
+        places = self.places(times)
+        _, mean, roots = places
+        change, half = self.seen.explained(places)
         turns = np.linalg.solve(rotvec_jacobian(mean[:, 3:]), change[:, 3:, None])
         turned = compose_rotvecs(turns[:, :, 0], mean[:, 3:])
         moved = mean + change
         moved[:, 3:] = nearest_rotvecs(turned, moved[:, 3:])
-        variance = np.sum(roots**2, axis=2) - np.sum(half**2, axis=0)
+        variance = np.sum(roots**2, axis=2) - np.einsum("pmi,pmi->mi", half, half)
         return moved, np.sqrt(np.maximum(variance, 0.0) + self._white)
 
     def _covariance(self, times: Times) -> Covariances:
-        _, half = self._gain(times)
-        prior = np.einsum("mini->imn", self.prior_covariance(times, times))
+        places = self.places(times)
+        prior = self.seen.covariance(places, places)
+        half = self.seen.explained(places)[1].transpose(2, 1, 0)
         white = self._white[:, None, None] * np.eye(len(times))
-        return np.asarray(prior + white - np.einsum("pmi,pni->imn", half, half))
+        return np.asarray(np.einsum("mini->imn", prior) + white - half @ half.mT)
+
+
+def tapered_covariance(
+    length_scale: float, a: Places, b: Places
+) -> Float[np.ndarray, "A 6 B 6"]:
+    """Covariance of a mode's outputs at ``a`` with those at ``b``, before evidence."""
+    apart = np.subtract.outer(a[0], b[0]) / length_scale
+    products = np.tensordot(a[2], b[2], axes=(2, 2))
+    return np.asarray(products * np.exp(-0.5 * apart**2)[:, None, :, None])
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -162,8 +156,7 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
     def adapt(self, via_points: Sequence[ViaPoint]) -> "MixtureOfDiscreteTimeGPs":
         """The mixture given further via-points: Gaussians and weights."""
         asked = [point for point in via_points if np.isfinite(point.own_variance).any()]
-        modes = (replace(m, via_points=(*m.via_points, *asked)) for m in self.modes)
-        return replace(self, modes=tuple(modes))
+        return replace(self, modes=tuple(mode.adapt(asked) for mode in self.modes))
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the most probable mode; of the largest in a tie."""
@@ -194,14 +187,11 @@ def fit_midigap(
         roots = roots / np.sqrt(len(part) - 1) if len(part) > 1 else modes[0].roots
         clocks = None if aligned.clocks is None else aligned.clocks[part]
         members = replace(aligned, poses=poses, clocks=clocks, wrenches=None, rests=())
-        modes.append(
-            DiscreteTimeGP(
-                aligned=members,
-                mean=mean,
-                roots=roots,
-                length_scale=config.length_scale,
-            )
+        nowhere = np.empty(0), np.empty((0, 6)), np.empty((0, 6, len(roots)))
+        seen = ConditionedFunctions(
+            partial(tapered_covariance, config.length_scale), nowhere
         )
+        modes.append(DiscreteTimeGP(aligned=members, mean=mean, roots=roots, seen=seen))
     return MixtureOfDiscreteTimeGPs(aligned=aligned, modes=tuple(modes))
 
 

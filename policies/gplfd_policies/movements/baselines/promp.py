@@ -21,14 +21,15 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
+from gplfd_policies.arrays.records import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.conditioning import conditioned
 from gplfd_policies.movements.movement import (
     GaussianTrajectory,
     LearnedMovement,
     ViaPoint,
     checked_times,
-    stacked,
 )
 
 Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
@@ -36,8 +37,8 @@ Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 
 RIDGE: Final = 1e-8
 """Penalty on squared weights; it has an effect only where data are not sufficient."""
-_SINGULAR = 1e-9
-"""Least tolerance of a demand, as a share of its whole variance."""
+_STRONGEST = 1e-4
+"""Least standard deviation of a via-point, relative to that of all poses."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -77,7 +78,7 @@ class WeightMovement(LearnedMovement, ABC):
         blocks = np.einsum(
             "didj->dij", self.weight_covariance.reshape(6, size, 6, size)
         )
-        spread = np.einsum("mi,dij->dmj", basis, blocks)
+        spread = basis @ blocks
         variance = np.einsum("dmj,mj->md", spread, basis)
         half_rate = np.einsum("dmj,mj->md", spread, slope)
         std = np.sqrt(np.maximum(variance, 0.0) + self.noise_variance)
@@ -95,47 +96,20 @@ class WeightMovement(LearnedMovement, ABC):
         self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
     ) -> Covariances:
         noise = self.noise_variance[:, None, None] * np.eye(len(basis))
-        between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
+        between: np.ndarray = spread @ basis.T
         return between + noise
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "WeightMovement":
-        """The movement conditioned on ``via_points``, all of them at once.
-
-        With the demanded values y_v, their covariance V and the gain K,
-
-            K = Σ Hᵀ (H Σ Hᵀ + V)⁻¹,  μ' = μ + K (y_v - H μ),  Σ' = (I - K H) Σ.
-
-        Demands are on the movement φᵀ w itself, without observation noise.
-        Contradictory demands without tolerance are met in the least-squares sense.
-        """
-        phases, poses, variances, along = stacked(via_points)
-        which, outputs = asked = np.nonzero(np.isfinite(variances))
-        if which.size == 0:
-            return self
-        together = which[:, None] == which
-        variance = np.diag(variances[asked])
-        variance += np.where(together, np.outer(along[asked], along[asked]), 0.0)
-        basis, _ = self.basis(phases)
-        rows = np.zeros((which.size, 6, basis.shape[1]))
-        rows[np.arange(which.size), outputs] = basis[which]
-        demand = rows.reshape(which.size, -1)
-        cross = self.weight_covariance @ demand.T
-        # K, by the pseudo-inverse if the sum is singular. Demands are scaled first, so
-        # that the choice of units has no effect.
-        whole = demand @ cross
-        scale = np.sqrt(np.diag(whole) + np.diag(variance))
-        scale = np.where(scale > 0.0, scale, 1.0)
-        matrix = (whole + variance) / np.outer(scale, scale)
-        if np.all(np.diag(variance) > _SINGULAR * scale**2):
-            factor = scipy.linalg.cho_factor(matrix)
-            gain = scipy.linalg.cho_solve(factor, (cross / scale).T).T / scale
-        else:
-            gain = cross / scale @ scipy.linalg.pinvh(matrix) / scale
-        mean = self.weight_mean + gain @ (poses[asked] - demand @ self.weight_mean)
-        keep = np.eye(len(mean)) - gain @ demand
-        # Joseph's form: never negative, even for strong demands.
-        covariance = keep @ self.weight_covariance @ keep.T
-        covariance += gain @ variance @ gain.T
+        """The movement φᵀ w itself, without its noise, given further via-points."""
+        mean, covariance = self.weight_mean, self.weight_covariance
+        least = _STRONGEST * np.maximum(self.aligned.poses.std(axis=(0, 1)), FINEST)
+        for point in via_points:
+            basis, _ = self.basis(np.array([float(point.phase)]))
+            design, along = np.kron(np.eye(6), basis), np.asarray(point.along)
+            noise = np.maximum(point.own_variance, least**2)
+            mean, covariance = conditioned(
+                mean, covariance, design, point.pose, noise, along
+            )
         return replace(self, weight_mean=mean, weight_covariance=covariance)
 
 

@@ -89,25 +89,24 @@ class CircleDistribution:
     mean: Float[np.ndarray, " 3"]
     covariance: Float[np.ndarray, "3 3"]
 
-    def through(self, via_points: Sequence[ViaPoint]) -> "CircleDistribution":
-        """Return the circle conditioned on further points with known x and z.
+    def through(
+        self, via_point: ViaPoint, centre: Float[np.ndarray, " 2"]
+    ) -> "CircleDistribution":
+        """Return the circle conditioned on a further point with known x and z.
 
-        An error e of a point is an error 2 (p − c)ᵀe of its equation, which is zero for
-        e along the path.
+        An error e of a point p is an error 2 (p − c)ᵀe of its equation, which is zero
+        for e along the path; c is the centre that was expected at first [m].
         """
-        poses = np.array([point.pose for point in via_points])[:, PLANE]
-        noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
-        told = np.isfinite(noise).all(axis=1)
-        points, noise = poses[told], np.maximum(noise[told], _STRONGEST**2)
-        rows, squares = _equations(points)
-        lever = points - self.mean[:2]
-        variance = 4.0 * np.sum(lever**2 * noise, axis=1)
-        across = self.covariance @ rows.T
-        factor = scipy.linalg.cho_factor(rows @ across + np.diag(variance), lower=True)
-        gain = scipy.linalg.cho_solve(factor, across.T).T
+        point, noise = via_point.pose[PLANE], via_point.noise_variance[PLANE]
+        if not np.isfinite(noise).all():
+            return self
+        rows, squares = _equations(point[None])
+        variance = np.maximum(noise, _STRONGEST**2) @ (2.0 * (point - centre)) ** 2
+        across = self.covariance @ rows[0]
+        gain = across / (rows[0] @ across + variance)
         return CircleDistribution(
-            mean=self.mean + gain @ (squares - rows @ self.mean),
-            covariance=self.covariance - gain @ across.T,
+            mean=self.mean + gain * (squares[0] - rows[0] @ self.mean),
+            covariance=self.covariance - np.outer(gain, across),
         )
 
 
@@ -138,12 +137,17 @@ class TaskParameterisedMixture(LearnedMovement):
     covariances: Float[np.ndarray, "P C 7 7"]
     circle: CircleDistribution | None
     """The estimate of the hinge; None if there is none."""
+    expected_centre: Float[np.ndarray, " 2"] | None = None
+    """The hinge that the demonstrations let expect, x and z [m]."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
-        """The movement around the hinge that follows from ``via_points``."""
-        if self.circle is None:
+        """The movement around the hinge that follows from further ``via_points``."""
+        circle = self.circle
+        if circle is None or self.expected_centre is None:
             return self
-        return replace(self, circle=self.circle.through(via_points))
+        for via_point in via_points:
+            circle = circle.through(via_point, self.expected_centre)
+        return replace(self, circle=circle)
 
     @cached_property
     def regression(self) -> GaussianMixtureRegression:
@@ -282,4 +286,5 @@ def fit_tp_gmm(
         means=means,
         covariances=covariances,
         circle=circle,
+        expected_centre=None if circle is None else circle.mean[:2],
     )

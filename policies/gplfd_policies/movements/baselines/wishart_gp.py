@@ -85,40 +85,25 @@ class WishartGPConfig(Quantities):
             )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class WishartPrior:
-    """The prior of Σ(t) over an interval."""
+    """The prior of Σ(t) over an interval, with a radial basis function κ."""
 
-    degrees: int
-    """Degrees of freedom ν ≥ d."""
-    lower: Float[np.ndarray, "d d"]
-    """The scale L, lower triangular."""
-    floor: float
-    """ε in (0, 1), the constant share of E Σ(t)."""
-    basis: LegendreBasis
-    root: Float[np.ndarray, "Q R"]
-    """Coefficients of φ in the basis of the processes u."""
-
-    @classmethod
-    def over(
-        cls,
+    def __init__(
+        self,
         interval: tuple[float, float],
         length_scale: float,
         mean: Float[np.ndarray, "d d"],
         degrees: int,
         floor: float,
-    ) -> "WishartPrior":
-        """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``."""
+    ) -> None:
+        """Take the mean ν L Lᵀ, ν ≥ d and ε in (0, 1), the constant share of E Σ(t)."""
         basis = LegendreBasis.for_length_scale(*interval, length_scale)
         assert basis is not None, "the least length-scale of WishartGPConfig has one"
         kernel = RBF(length_scale=length_scale, signal_std=1.0)
-        return cls(
-            degrees=degrees,
-            lower=np.linalg.cholesky(mean / degrees),
-            floor=floor,
-            basis=basis,
-            root=square_root(basis.kernel_matrix(kernel)),
-        )
+        self.degrees, self.floor, self.basis = degrees, floor, basis
+        self.lower = np.linalg.cholesky(mean / degrees)
+        # Coefficients of φ in the basis.
+        self.root = square_root(basis.kernel_matrix(kernel))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -147,33 +132,23 @@ class WishartPrior:
         return self.scaled(np.einsum("mdes,ms->mde", half, features))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
 class WishartLikelihood:
     """log p of deviations given the weights, in coordinates where L is the identity."""
 
-    features: Float[np.ndarray, "T R"]
-    scatter: Float[np.ndarray, "T d d"]
-    """L⁻¹ S_t L⁻ᵀ, of D − 1 degrees of freedom, and φ at the same times."""
-    free: int
-    prior: WishartPrior
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         prior: WishartPrior,
         times: Float[np.ndarray, " T"],
         deviations: Float[np.ndarray, "D T d"],
-    ) -> "WishartLikelihood":
-        """The likelihood of D curves' deviations from their average."""
+    ) -> None:
+        """Take the deviations of D curves from their average."""
         columns = deviations.reshape(-1, len(prior.lower)).T
         white = scipy.linalg.solve_triangular(prior.lower, columns, lower=True).T
         white = white.reshape(deviations.shape)
-        return cls(
-            features=prior.features(times),
-            scatter=np.einsum("kti,ktj->tij", white, white),
-            free=len(deviations) - 1,
-            prior=prior,
-        )
+        # φ at the times, and L⁻¹ S_t L⁻ᵀ, of D − 1 degrees of freedom.
+        self.prior, self.features = prior, prior.features(times)
+        self.scatter = np.einsum("kti,ktj->tij", white, white)
+        self.free = len(deviations) - 1
 
     def _at(
         self, flat: Float[np.ndarray, " N"]
@@ -328,12 +303,12 @@ def fit_wishart_gp(
     pooled = np.asarray(correlation * np.outer(std, std))
     processes = MultiOutputGP.fit(times, poses, HomoscedasticNoise(), centred=centred)
     interval = float(times[0]), float(times[-1])
-    prior = WishartPrior.over(
+    prior = WishartPrior(
         interval, config.length_scale, pooled, config.degrees, config.floor
     )
     kept = thinned(len(times), config.times)
     moment = sample_posterior(
-        WishartLikelihood.of(prior, times[kept], deviations[:, kept]),
+        WishartLikelihood(prior, times[kept], deviations[:, kept]),
         config.steps,
         config.discarded,
         np.random.default_rng(seed),
