@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
@@ -341,6 +341,15 @@ def test_distance_from_a_path_is_that_from_its_nearest_piece():
     points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
     distances = np.sqrt(squared_distances(points, path))
     assert distances == pytest.approx([0.2, math.sqrt(2.0), 5.0, 0.5])
+
+
+@pytest.mark.parametrize("name", ["oven", "overhead-flap", "rising-butt"])
+def test_the_path_of_a_handle_that_rises_or_sinks_is_its_own(make_log, name):
+    config = DOORS[name]
+    geometry, angle = DoorGeometry.of(config), np.linspace(0.0, ANGLE, 601)
+    pose = geometry.hand_poses(angle) + np.array([0.01, -0.02, 0.003, 0, 0, 0])
+    log = make_log(door_angle=angle, handle_pose=pose, door_config=config.as_dict())
+    np.testing.assert_allclose(handle_path(log, angle), pose[:, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize("swing", ["pull", "push"])

@@ -66,14 +66,17 @@ def forecast_errors(
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
 
-    The arc is rotated and shifted to the logged handle: the robot may be misplaced.
+    The path is turned about the vertical and shifted to the logged handle: the robot
+    may be misplaced.
     """
-    door = DoorGeometry.of(log.config)
-    logged = _plane(door.hand_poses(log.opening.door_angle, log.opening.handle_angle))
-    seen = _plane(log.opening.handle_pose[:, :3])
-    turn = np.vdot(logged - logged[0], seen - seen[0])
-    placed = seen[0] + turn / abs(turn) * (_plane(door.hand_poses(angles)) - logged[0])
-    height = np.full(angles.shape, log.opening.handle_pose[0, 1])
+    door, path = DoorGeometry.of(log.config), log.opening.handle_pose
+    true = door.hand_poses(log.opening.door_angle, log.opening.handle_angle)
+    logged, seen = _plane(true), _plane(path)
+    # A path straight up has no direction in the plane.
+    turn = np.vdot(logged - logged[0], seen - seen[0]) or 1.0
+    wanted = door.hand_poses(angles)
+    placed = seen[0] + turn / abs(turn) * (_plane(wanted) - logged[0])
+    height = path[0, 1] + (wanted[:, 1] - true[0, 1])
     return np.stack([placed.real, height, placed.imag], axis=1)
 
 
