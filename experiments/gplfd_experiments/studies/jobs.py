@@ -16,6 +16,7 @@ from gplfd_experiments.episodes.build import (
     open_together,
     place_in_policy,
 )
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import PROGRESS, episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.provenance import code_state
@@ -136,6 +137,13 @@ def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> R
     """
     result = {**_origin(task), "error": reason, "traceback": trace}
     return {**result, "lost": True} if lost else result
+
+
+def episode_log(task: EpisodeTask) -> EpisodeLog:
+    """Learn, open the door of a task, and return the log."""
+    make = learned_agents(task, policy_of(task, NO_FILES))
+    (log,) = open_together([task], [make()], forecast_period=FORECAST_PERIOD)
+    return log
 
 
 def _learning_metrics(
