@@ -300,10 +300,11 @@ def _search(
             "stretched": end == end,
         }
         cause, joints = next(item for item in causes.items() if item[1].any())
-        raise ValueError(
-            f"{moments[number]} {' and '.join(np.array(robot.arm)[joints])} {cause}; "
-            f"the hand stays {away.round(2).tolist()} m of the base's axes away"
-        )
+        text = f"{moments[number]} {' and '.join(np.array(robot.arm)[joints])} {cause}"
+        if np.linalg.norm(away) > 0.005:
+            away = away.round(2) + 0.0  # not -0.0
+            text += f"; the hand stays {away.tolist()} m away, in the base's axes"
+        raise ValueError(text)
     tries = tries._replace(postures=first)
     return _Tries(*(values[best] for values in tries)), scores[best]
 

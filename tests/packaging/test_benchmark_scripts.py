@@ -17,8 +17,8 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
-leaderboard, pictures, speed = map(
-    importlib.import_module, ("leaderboard", "pictures", "speed")
+leaderboard, pictures, robots, speed = map(
+    importlib.import_module, ("leaderboard", "pictures", "robots", "speed")
 )
 
 
@@ -46,6 +46,27 @@ def test_environment_agents_and_vectors_are_measured():
     assert min(values.values()) > 0.0
     assert "2 simulations on 2 threads, CPU over mj_step" in values
     assert "2 `gp` agents in lockstep" in values
+
+
+def test_tables_of_robots_are_written_into_their_pages(monkeypatch, tmp_path):
+    monkeypatch.setattr(robots, "DOCS", tmp_path)
+    monkeypatch.setattr(robots, "ROBOTS", ("ur5e-like",))
+    monkeypatch.setattr(robots, "ARMS", {"None": "none.urdf"})
+    (tmp_path / "none.urdf").write_text("<robot name='none'><link name='a'/></robot>")
+    for name, page in (
+        ("random-commands", "environment.md"),
+        ("arms", "skill-to-robot.md"),
+    ):
+        (tmp_path / page).write_text(f"a\n<!-- {name} -->\n\n<!-- {name} -->\nb\n")
+    (tmp_path / "results").mkdir()
+    robots.commands(steps=2)
+    robots.arms(tmp_path)
+    rows = json.loads((tmp_path / "results/random-commands.json").read_text())["rows"]
+    assert [row["grasp"] for row in rows] == ["contact", "weld"]
+    assert "\n| `ur5e-like`, weld | " in (tmp_path / "environment.md").read_text()
+    page = (tmp_path / "skill-to-robot.md").read_text()
+    assert "\n| None | no | – | none.urdf" in page
+    assert (page[:2], page[-3:]) == ("a\n", "\nb\n")
 
 
 @pytest.mark.parametrize("trial", TRIALS)
