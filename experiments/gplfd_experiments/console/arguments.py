@@ -23,7 +23,10 @@ def check_least(
 def check_circumstances(
     randomization: str, disturbance: str = "none", start: Start = "grasped"
 ) -> None:
-    """Raise ValueError for an unknown name, or for an incompatible start."""
+    """Raise ValueError for an unknown name, or for an incompatible start.
+
+    The Python interface accepts more than names.
+    """
     for what, name, table in (
         ("randomization", randomization, RANDOMIZATIONS),
         ("disturbance", disturbance, DISTURBANCES),

@@ -34,7 +34,10 @@ FIRST: Final = 5
 
 
 def text_table(table: Table, columns: int | None = None) -> str:
-    """Write the first columns, or all, aligned and without marks."""
+    """Write the first columns, or all, aligned and without marks.
+
+    A cell with a line break takes two lines.
+    """
     lines = [
         [part.replace("**", "").replace("`", "") for part in line[:columns]]
         for row in (table.columns, *table.rows)

@@ -1,4 +1,7 @@
-"""Demonstrations, policy (a tube of ±1.96 σ), via-points and force at the door."""
+"""Demonstrations, policy, via-points and force in the door's frame.
+
+A policy is drawn as a tube: the band of ±1.96 σ along its path, a closed triangle mesh.
+"""
 
 import functools
 from collections.abc import Iterator, Sequence

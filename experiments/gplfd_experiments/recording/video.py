@@ -87,7 +87,10 @@ def check_video() -> None:
 
 
 def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
-    """Write an episode, complete or not at all (`OSError`); return how many images."""
+    """Write an episode in real time, complete or not at all (`OSError`).
+
+    Returns the number of images.
+    """
     import imageio_ffmpeg
 
     rows, pause = form.rows(log), round(form.last * form.rate)

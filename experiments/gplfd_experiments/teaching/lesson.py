@@ -62,7 +62,10 @@ class Taught:
 
 
 class TaughtSet:
-    """The demonstrations in a folder; ValueError if it holds something else."""
+    """The demonstrations in a folder, to which more are added.
+
+    Raises ValueError if the folder holds something else or a damaged file.
+    """
 
     def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
         check_folder(folder)
@@ -230,7 +233,10 @@ class View:
 
 
 class Lead:
-    """Target of the hand, moved by a device; `servo`: stiffness of the arm [N/m]."""
+    """The target of one demonstration, moved by the samples of a device.
+
+    `servo` is the stiffness of the arm [N/m] that renders the spring.
+    """
 
     def __init__(
         self, view: View, *, force: float = _FORCE, servo: float = SPRING[0]

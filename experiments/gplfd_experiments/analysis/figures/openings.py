@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.style import POLICY, Material
-from gplfd_experiments.episodes import metrics
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import (
+    opening_motion,
+    prediction_errors,
+    share_of_bound,
+)
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent, CompliantAgent
 from gplfd_policies.control.stability import uncertainty_fall_bound
@@ -92,11 +96,14 @@ class Opening:
         """E[ε²] of the adaptive and of the fixed policy in the motion, (T', 6)."""
         bias = self.fixed.mean - self.log.opening.handle_pose
         fixed = bias**2 + self.fixed.std**2
-        return metrics.prediction_errors(self.log)[self.motion], fixed[self.motion]
+        return prediction_errors(self.log)[self.motion], fixed[self.motion]
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Replay the opening to its policy for forecasts and the width of intervals."""
+    """Replay the opening to its policy and store the forecast at some phases.
+
+    The log lacks the width of the 95 % interval; the policy provides it.
+    """
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
     decided = decisions(log, agent)
@@ -111,7 +118,7 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
     mean, std = log.forecasts.first(log.decisions.observed_phase)
     return Opening(
         log=log,
-        motion=metrics.opening_motion(log),
+        motion=opening_motion(log),
         stages=tuple(stages),
         initial=initial,
         adaptive=Prediction(
@@ -237,7 +244,7 @@ def draw_door(
     fixed_fall = -np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
     wished = profile.stiffness(log.decisions.std, log.decisions.frame)
     governed = wished - log.decisions.stiffness > _INTERVENTION
-    falls, used = -log.decisions.std_rate, metrics.share_of_bound(log)
+    falls, used = -log.decisions.std_rate, share_of_bound(log)
     tight, printed = bounds(profile)
     for output, (_, colour) in AXES.items():
         dashed: dict[str, Any] = {"color": colour, "linestyle": "--", "linewidth": 0.8}

@@ -21,7 +21,10 @@ Key = tuple[int, str]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shift:
-    """Typical difference of pairs, and its 95 % interval, infinite for few pairs."""
+    """Typical difference of pairs, first minus second, and its 95 % interval.
+
+    With fewer than `FEWEST_PAIRS` pairs the interval is infinite.
+    """
 
     estimate: float
     low: float
@@ -51,7 +54,10 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
 def paired(
     first: Mapping[Key, float], second: Mapping[Key, float]
 ) -> tuple[list[float], list[float]]:
-    """Return means over the common tasks of each seed, which is a pair of a test."""
+    """Return the means of two policies over the common tasks of each common seed.
+
+    Tasks of a seed share the demonstrations, so that seeds are the pairs of a test.
+    """
     common = sorted(first.keys() & second.keys())
     seeds = [[*keys] for _, keys in itertools.groupby(common, itemgetter(0))]
     first_means, second_means = (
@@ -83,9 +89,6 @@ class Rate:
     def cell(self, _: int = 0) -> str:
         """Successes and trials, above the interval; a share needs no digits."""
         return f"{self.successes}/{self.trials}\n{self.interval}"
-
-
-Estimate = Rate | Shift
 
 
 def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
@@ -169,7 +172,11 @@ def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
 
 
 def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
-    """Return the mean difference of pairs, such as of rates; Student's interval."""
+    """Estimate the mean difference of pairs, first minus second, for example of rates.
+
+    Returns mean difference and Student's interval. The median is not informative if
+    most seeds have equal rates.
+    """
     differences = np.asarray(np.subtract(first, second), dtype=float)
     n, mean = differences.size, float(np.mean(differences))
     reach = math.inf
