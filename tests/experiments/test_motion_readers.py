@@ -358,7 +358,7 @@ def zeros_without_data(path: Path) -> None:
     ("name", "write", "message"),
     [
         ("a.hdf5", zeros_without_data, r"needs more than \d+ MB of memory"),
-        ("a.db3", endless_rows, "its reader crashed or ran for more than 6 s"),
+        ("a.db3", endless_rows, "its reader crashed or ran for more than 5 s"),
     ],
 )
 def test_a_file_that_would_take_the_machine_ends_its_reader_alone(
@@ -388,7 +388,7 @@ def test_frames_that_a_header_cannot_count_are_missed(tmp_path):
     file["data"]["points"] = np.ones((4, 1, 65600))
     file.write(str(tmp_path / "a.c3d"))
     with pytest.raises(
-        ValueError, match=r"only 65535 of its 656\d\d frames can be read"
+        ValueError, match=r"only 65535 of its about 656\d\d frames can be read"
     ):
         read_here(tmp_path / "a.c3d", ANY)
 
@@ -427,6 +427,9 @@ def test_reads_every_message_with_a_pose_and_joint_states(tmp_path):
     assert_allclose(motion.positions, straight, atol=1e-12)
     turned = Rotation.from_quat(quaternions(motion), scalar_first=True).as_rotvec()
     assert_allclose(turned[:, 2], 2.0 * PHASE, atol=1e-12)
+    (tmp_path / "r.urdf").write_text(URDF.replace("9", "1"))
+    notes = only(bag, body="/joints", urdf=tmp_path / "r.urdf", link="hand").notes
+    assert "joints turn go far beyond their limits in r.urdf" in notes[0]
     for body, problem in (
         ("/tf", r"say which frame: --body /tf:FRAME, of hand"),
         ("/joints", r"--urdf FILE --link NAME"),
@@ -468,10 +471,7 @@ def state(place: int, *names: str, frame: str = "base", values: int = 9) -> Any:
         ([state(n, "slide", "turn", values=0) for n in range(N)], "have no positions"),
         ([state(n, "head") for n in range(N)], "no joint state has slide, turn"),
         ([state(n, "slide", "turn", values=1) for n in range(N)], "2 names and"),
-        (
-            [state(n, "slide", "turn", frame="ab"[n % 2]) for n in range(N)],
-            "frames or publishers a, b have joint",
-        ),
+        ([state(n, *CHAIN, frame="ab"[n % 2]) for n in range(N)], "a, b have joint"),
         (
             [state(0, "turn"), state(1, "turn")]
             + [state(n, *part) for n in range(2, N) for part in (["head"], CHAIN)],

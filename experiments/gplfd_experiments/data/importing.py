@@ -16,14 +16,8 @@ from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.files.table import Table, text_table
+from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import turned
-from gplfd_policies.demonstrations.npz import (
-    FILE,
-    FIRST_POSE,
-    FRAME,
-    OTHER,
-    save_demonstrations,
-)
 
 PICTURE: Final = "before_after.png"
 _TITLES: Final = (
@@ -56,7 +50,7 @@ def import_recordings(
     matching = {f: [] if f.exists() else sorted(map(Path, glob(str(f)))) for f in files}
     files = [path for file in files for path in matching[file] or [file]]
     check_folder(folder.parent)
-    check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
+    check_replaceable(folder, npz.FILE, "set of demonstrations", overwrite=overwrite)
     reading = progress_bar(
         read_files(files, settings), desc="reading", unit="file", total=len(files)
     )
@@ -68,14 +62,14 @@ def import_recordings(
         {"name": file.name} | ({"sha256": content_hash(file)} if file.is_file() else {})
         for file in files
     ]
-    frames = {"hinge": FRAME, "first-pose": FIRST_POSE}
+    frames = {"hinge": npz.FRAME, "first-pose": npz.FIRST_POSE}
     with complete_folder(folder) as written:
         written.mkdir()
-        save_demonstrations(
-            written / FILE,
+        npz.save_demonstrations(
+            written / npz.FILE,
             [motion.demonstration for motion in motions],
             [motion.radius for motion in motions],
-            frame=frames.get(str(settings.frame), OTHER),
+            frame=frames.get(str(settings.frame), npz.OTHER),
             signals=[motion.signals for motion in motions],
         )
         (written / "report.txt").write_text(text + "\n", encoding="utf-8")

@@ -1,5 +1,6 @@
 """Converts motions from files to demonstrations, with notes on every change."""
 
+import itertools
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -9,17 +10,8 @@ from typing import Final
 import numpy as np
 
 from gplfd_experiments.data.preparation import frames
-from gplfd_experiments.data.preparation.samples import (
-    Notes,
-    Samples,
-    at_rate,
-    bridged,
-    filtered,
-    of_one_clock,
-    repetitions,
-    usable,
-    without_spikes,
-)
+from gplfd_experiments.data.preparation import samples as steps
+from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
@@ -64,7 +56,8 @@ def prepare(
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
     """
-    recordings = [part for raw in recordings for part in of_one_clock(raw, settings)]
+    parts = [steps.of_one_clock(raw, settings) for raw in recordings]
+    recordings = list(itertools.chain(*parts))
     recorded = sum(len(raw.positions) for raw in recordings)
     left = max(_MOST_SAMPLES, _MOST_MADE * recorded)
     motions: list[Motion] = []
@@ -73,13 +66,13 @@ def prepare(
             raise ValueError(f"{raw.name} has no orientations, which an offset needs")
         # Notes about the whole are those of its first repetition.
         notes = Notes()
-        samples = without_spikes(usable(raw, settings, notes), notes)
+        samples = steps.without_spikes(steps.usable(raw, settings, notes), notes)
         samples = frames.wrenches_of_the_hand(samples, raw, settings, notes)
         name = raw.name
         try:
-            parts = repetitions(samples, settings.segment, notes)
-            for number, part in enumerate(parts, start=1):
-                name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
+            spans = steps.repetitions(samples, settings.segment, notes)
+            for number, part in enumerate(spans, start=1):
+                name = raw.name if len(spans) == 1 else f"{raw.name} #{number}"
                 motions.append(_motion(name, part, settings, notes, left, raw.reading))
                 left -= len(motions[-1].demonstration.times)
                 notes = Notes()
@@ -119,12 +112,12 @@ def _motion(
     reading: str,
 ) -> Motion:
     """Prepare one repetition with a limited number of samples."""
-    samples = bridged(recorded, settings.largest_gap, notes)
+    samples = steps.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.positions, axis=0).max())
     if not _SMALL <= span <= _LARGE:
         notes.warn(f"it spans {span:.3g} m: is the unit right? say --units")
-    samples = filtered(samples, settings.cutoff, notes)
+    samples = steps.filtered(samples, settings.cutoff, notes)
     if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))
         before, after = start - samples.times[0], samples.times[-1] - end
@@ -146,7 +139,7 @@ def _motion(
         )
         samples = opening
     samples, radius = frames.in_frame(samples, settings.frame, notes)
-    samples = at_rate(samples, settings.rate, most)
+    samples = steps.at_rate(samples, settings.rate, most)
     return Motion(
         name=name,
         demonstration=_demonstration(samples),

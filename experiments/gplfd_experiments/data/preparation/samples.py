@@ -230,7 +230,7 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
             rate = (len(first) - 1) / np.ptp(samples.times)
             notes.warn(
                 f"{text}, which moved: time stamps are coarse; say --recorded-rate "
-                f"{rate:.3g}"
+                f"{rate:.4g}"
             )
         else:
             notes.add(text)

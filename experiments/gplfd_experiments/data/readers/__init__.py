@@ -14,13 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers import (
-    arrays,
-    bags,
-    csv_tables,
-    lerobot,
-    motion_capture,
-)
+from gplfd_experiments.data.readers import arrays, bags, lerobot, motion_capture, tables
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_policies.arrays.storage import regular_file
 
@@ -31,10 +25,10 @@ except ImportError:  # Windows, where only the time is limited.
 
 __all__ = ["ImportSettings", "read_files"]
 
-_LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (6.0, 5e-6))
+_LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (5.0, 5e-6))
 """Memory of the child [bytes], written bytes, for example of a decompressed bag,
 samples, and processor time [s]: for any file, and in addition per byte of a file."""
-_WAITING: Final = 3.0
+_WAITING: Final = 2.5
 """Longest time for a file, as a multiple of its processor time."""
 _THREADS: Final = ("OPENBLAS", "OMP", "MKL")  # Libraries that would start some.
 
@@ -52,7 +46,7 @@ class Reader(NamedTuple):
 
 
 READERS: Final = (
-    Reader("a table in a text file", csv_tables.read, (".csv", ".tsv", ".txt", ".log")),
+    Reader("a table in a text file", tables.read, (".csv", ".tsv", ".txt", ".log")),
     Reader("arrays of NumPy", arrays.read, (".npz", ".npy")),
     Reader("a MATLAB file", arrays.read, (".mat",)),
     Reader("a recording of Xsens MVN", motion_capture.mvnx, (".mvnx",)),
@@ -66,7 +60,7 @@ READERS: Final = (
 )
 """Every kind of file that is read."""
 _OPTIONS: Final[Mapping[Any, tuple[str, ...]]] = {
-    csv_tables.read: ("body", "columns", "time_unit", "angles", "quaternions"),
+    tables.read: ("body", "columns", "time_unit", "angles", "quaternions"),
     arrays.read: ("body", "columns", "time_unit", "angles", "quaternions"),
     motion_capture.mvnx: ("body",),
     motion_capture.bvh: ("body",),
@@ -139,6 +133,7 @@ def read_files(
         settings_of_child["TMPDIR"] = scratch
         child = ProcessPoolExecutor(1, env=settings_of_child, initializer=_silent)
         try:
+            child.submit(os.getpid).result()  # It has imported its libraries.
             for path, reader in zip(files, readers, strict=True):
                 *_, seconds = _limits(path)
                 try:
@@ -187,7 +182,8 @@ def _limited(path: Path, settings: ImportSettings) -> list[RawRecording] | Excep
         if sum(len(motion.positions) for motion in motions) > most:
             raise ValueError(f"{path} makes more than {most:,.0f} samples")
     except (OSError, ValueError, ModuleNotFoundError) as error:
-        if isinstance(error.__cause__, MemoryError):
+        exhausted = "memory allocation failed" in str(error)  # As HDF5 says.
+        if exhausted or isinstance(error.__cause__, MemoryError):
             return ValueError(
                 f"{path} needs more than {memory / 2**20:,.0f} MB of memory. It is "
                 "damaged, or made to fill the memory"

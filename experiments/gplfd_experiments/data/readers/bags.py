@@ -4,6 +4,7 @@ Poses may be those of a URDF's link in joint states. ``/hand:frame`` selects one
 several frames or publishers in a topic.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ _MOVING: Final = (
     _JOINTS,
 )
 """Types of messages that say where something is."""
+_BEYOND: Final = 1.5  # Largest angle of a joint in radians, per limit of its URDF.
 
 
 class _Address(type(Path())):  # type: ignore[misc]
@@ -136,7 +138,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
                     _Message(stamp, logged, tuple(source), item, item is not message)
                 )
     if kind == _JOINTS:
-        track, poses = _poses_of_link(received[topic], parts, settings)
+        track, poses = _poses_of_link(received[topic], parts, settings, notes)
     else:
         track = _of_one_source(received[topic], topic, parts, "--body")
         poses = np.array([_row(message.content) for message in track])
@@ -165,7 +167,10 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
 
 
 def _poses_of_link(
-    messages: list[_Message], wanted: list[str], settings: ImportSettings
+    messages: list[_Message],
+    wanted: list[str],
+    settings: ImportSettings,
+    notes: list[str],
 ) -> tuple[list[_Message], FloatArray]:
     """Return the poses of a robot's link, from when each of its joints was seen."""
     urdf, link = settings.urdf, settings.link
@@ -177,12 +182,15 @@ def _poses_of_link(
     robot = yourdfpy.URDF.load(str(urdf), load_meshes=False)
     chosen(link, robot.link_map, "link", file=urdf.name)
     joints = {joint.child: joint for joint in robot.robot.joints}
-    chain, below = set[str](), link
+    chain, limits, below = set[str](), dict[str, float](), link
     while joint := joints.pop(below, None):
         below = joint.parent
         if joint.type in ("revolute", "continuous", "prismatic"):
             chain.add(joint.mimic.joint if joint.mimic else joint.name)
-    positions: dict[str, float] = {}
+        if joint.type == "revolute" and joint.limit:
+            ends = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+            limits[joint.name] = _BEYOND * max(map(abs, ends))
+    positions, beyond = dict[str, float](), set[str]()
     sources: defaultdict[str, set[str]] = defaultdict(set)
     track, rows = list[_Message](), list[FloatArray]()
     for message in messages:
@@ -196,6 +204,7 @@ def _poses_of_link(
         for name in seen:
             sources[name].add(":".join(message.source))
         positions.update(seen)
+        beyond |= {n for n, v in seen.items() if abs(v) > limits.get(n, math.inf)}
         # Messages without these joints are of other parts, or of other robots.
         if seen and len(positions) == len(chain):
             robot.update_cfg(positions)
@@ -210,6 +219,11 @@ def _poses_of_link(
         raise ValueError(
             f"no joint state has {', '.join(sorted(chain - sources.keys()))!s:.200}, "
             f"which move {link} of {urdf.name}; they have {', '.join(names)!s:.200}"
+        )
+    if beyond:
+        notes.append(
+            f"joints {', '.join(sorted(beyond))} go far beyond their limits in "
+            f"{urdf.name}: are they in degrees? a joint state is in radians"
         )
     for name, several in sources.items():
         if len(several) > 1:

@@ -194,8 +194,8 @@ def c3d(path: Path, settings: ImportSettings) -> list[RawRecording]:
     held = path.stat().st_size - _BLOCK * (start - 1)
     if last >= _UNCOUNTED and held - count * size >= _BLOCK:
         raise ValueError(
-            f"only {count} of its {held // size} frames can be read, because its header"
-            f" counts no further; export it in parts of at most {count} frames"
+            f"only {count} of its about {held // size} frames can be read, because its "
+            f"header counts no further; export it in parts of at most {count} frames"
         )
     markers = points[:3].transpose(2, 1, 0)
     # Programs that cannot write a missing marker write zeros.

@@ -23,10 +23,7 @@ from gplfd_experiments.data.writers import states_of
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import write_json
-from gplfd_policies.demonstrations.npz import (
-    LabelledDemonstrations,
-    load_demonstrations,
-)
+from gplfd_policies.demonstrations import npz
 
 with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow
@@ -99,13 +96,13 @@ def export_demonstrations(
         )
     else:
         task = "recorded motion"
-        rates, episodes = _demonstrated(load_demonstrations(source))
+        rates, episodes = _demonstrated(npz.load_demonstrations(source))
     _write(target, rates, episodes, task)
     return len(episodes)
 
 
 def _demonstrated(
-    labelled: LabelledDemonstrations,
+    labelled: npz.LabelledDemonstrations,
 ) -> tuple[list[float], list[_Columns]]:
     """Return rates [Hz] and columns; raise ValueError unless steps are equal."""
     rates, episodes = list[float](), list[_Columns]()
