@@ -53,6 +53,13 @@ def seen(similarity, noise):
     return similarity.posterior
 
 
+def moments(posterior):
+    """Mean and standard deviation of the logarithm of size."""
+    sizes, weights = posterior.log_sizes, posterior.weights
+    mean = np.average(sizes, weights=weights)
+    return mean, np.sqrt(np.average((sizes - mean) ** 2, weights=weights))
+
+
 def test_demonstrations_are_brought_to_one_size_and_heading():
     sizes, yaws = np.array([0.35, 0.5, 0.62]), np.array([0.02, -0.05, 0.04])
     poses = np.stack([turned(arc(r), y) for r, y in zip(sizes, yaws, strict=True)])
@@ -112,7 +119,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     size = (expected * model.log_sizes).sum()
     std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
     posterior = similarity.posterior
-    assert_allclose(posterior.log_size, (size, std), atol=0.04 * std)
+    assert_allclose(moments(posterior), (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
     paths, turns = posterior.forecast(ahead)
     of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(
@@ -126,7 +133,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
 def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
     similarity = SimilarityModel.of(aligned).prior()
     rough, clean = (seen(similarity, noise) for noise in (3e-3, 2e-4))
-    assert clean.log_size[1] < 0.8 * rough.log_size[1]
+    assert moments(clean)[1] < 0.8 * moments(rough)[1]
     assert (clean.scale < 0.9 * rough.scale).all()
 
 
@@ -192,7 +199,7 @@ def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
         seen = rule.update(pose, phase, phase)
         phase = seen.phase
         phases.append(phase)
-    assert seen.sizes[0].log_size == (0.0, 0.0)
+    assert seen.inferred[:2] == (1.0, 0.0)
     # The mean path's distance is an average over sizes.
     expected = np.interp(distances, np.abs(model.path), TIMES)
     assert np.abs(phases - expected)[10:].max() < 0.03

@@ -9,7 +9,7 @@ some add in an order that depends on the memory address.
 
 import math
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -218,17 +218,11 @@ class ComplianceController:
         )
 
         directions = np.eye(3) if frame is None else frame
-        # Size, σ of its logarithm, heading and its σ [rad].
-        inferred = np.full((*poses.shape[:-1], 4), np.nan)
-        for row, similarity in enumerate(estimate.sizes):
-            log_size, log_size_std = similarity.log_size
-            numbers = math.exp(log_size), log_size_std, *similarity.heading
-            inferred.reshape(-1, 4)[row] = numbers
-        expectation = {}
+        names = ("path_size", "path_size_std", "heading", "heading_std")
+        inferred: dict[str, Any] = dict(zip(names, estimate.inferred, strict=True))
         if force is not None:
             expected, expected_std = force.along(directions)
-            expectation["expected_force"] = expected
-            expectation["expected_force_std"] = expected_std
+            inferred |= {"expected_force": expected, "expected_force_std": expected_std}
         return AgentStep(
             action=action,
             desired=target.desired,
@@ -244,14 +238,10 @@ class ComplianceController:
             phase=target.phase,
             observed_phase=phase,
             phase_misfit=estimate.misfit,
-            path_size=inferred[..., 0],
-            path_size_std=inferred[..., 1],
-            heading=inferred[..., 2],
-            heading_std=inferred[..., 3],
             predicted_mean=movements.hand_poses(mean, rows),
             predicted_std=mean_std,
             via_point=due,
-            **expectation,
+            **inferred,
         )
 
     def _adapt(
@@ -272,7 +262,6 @@ class ComplianceController:
         # A phase error displaces all outputs together along the path.
         along = self._phases.rate(phase, rows) * np.asarray(estimate.std)[..., None]
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
-        sizes = estimate.sizes or (None,) * np.size(due)
         for number, via_phase, pose, error, index in zip(
             movements.numbers[rows][due].tolist(),
             np.asarray(phase)[due].tolist(),
@@ -281,7 +270,8 @@ class ComplianceController:
             np.flatnonzero(due).tolist(),
             strict=True,
         ):
-            noise = {"std": self._via_noise, "along": error, "sizes": sizes[index]}
+            sizes, std = estimate.sizes(index), self._via_noise
+            noise: dict[str, Any] = {"std": std, "along": error, "sizes": sizes}
             movements.observe(number, ViaPoint(phase=via_phase, pose=pose, **noise))
         if self._forces is not None:
             self._forces.learn(due, phase, rows)

@@ -244,11 +244,11 @@ class PathSimilarity:
         return np.maximum(scale, self.model.least_scale)
 
     @cached_property
-    def features(self) -> Float[np.ndarray, "6 K"]:
+    def features(self) -> Float[np.ndarray, "9 K"]:
         """Quantities of the likely sizes c that the estimate of the phase needs.
 
         They are the logarithm of the weight, c, the variance of log c, cosine and sine
-        of the angle, and its variance.
+        of the angle, and its variance; log c, and mean and variance of ψ.
         """
         sizes = self.posterior
         return np.array(
@@ -259,6 +259,9 @@ class PathSimilarity:
                 np.cos(sizes.angle),
                 np.sin(sizes.angle),
                 sizes.angle_variance,
+                sizes.log_sizes,
+                sizes.mean[0],
+                sizes.covariance[0, 0],
             ]
         )
 
@@ -333,20 +336,6 @@ class SizePosterior:
     covariance: Float[np.ndarray, "3 3 K"]
     scale: Likely
     """Factor on the variance of f, estimated from the innovations."""
-
-    @property
-    def log_size(self) -> tuple[float, float]:
-        """Mean and standard deviation of log c."""
-        mean = float((self.weights * self.log_sizes).sum())
-        square = float((self.weights * (self.log_sizes - mean) ** 2).sum())
-        return mean, math.sqrt(square)
-
-    @property
-    def heading(self) -> tuple[float, float]:
-        """Mean and standard deviation of ψ [rad]."""
-        mean = float((self.weights * self.mean[0]).sum())
-        variance = self.covariance[0, 0] + (self.mean[0] - mean) ** 2
-        return mean, math.sqrt(max(float((self.weights * variance).sum()), 0.0))
 
     def forecast(
         self, phases: Phases
@@ -431,6 +420,22 @@ def size_visibility(
         square = (deviations.mean(axis=0) ** 2).sum(axis=1).mean()
         ratios.append(math.sqrt(square / variance))
     return min(max(max(ratios) - 1.0, 0.0), 1.0)
+
+
+def size_and_heading(
+    weights: Float[np.ndarray, "*N K"], features: Float[np.ndarray, "9 *N K"]
+) -> Float[np.ndarray, " 4 *N"]:
+    """Return size, σ of its logarithm, heading, and its σ [rad], of weighted sizes."""
+    log_sizes, headings, variances = features[6:]
+    size, heading = (np.add.reduce(weights * x, axis=-1) for x in (log_sizes, headings))
+    squares = (
+        np.array([log_sizes - size[..., None], headings - heading[..., None]]) ** 2
+    )
+    squares[1] += variances
+    stds = np.sqrt(np.maximum(np.add.reduce(weights * squares, axis=-1), 0.0))
+    # NumPy's exponential differs from that of `math`.
+    sizes = np.reshape([math.exp(x) for x in np.ravel(size).tolist()], size.shape)
+    return np.array([sizes, stds[0], heading, stds[1]])
 
 
 def gradient(values: np.ndarray) -> np.ndarray:

@@ -27,6 +27,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     SizePosterior,
     normalised,
+    size_and_heading,
 )
 from gplfd_policies.demonstrations.turned_handle import (
     TurnedHandle,
@@ -58,8 +59,17 @@ class PhaseEstimate:
     misfit: PerRow
     """Root mean square of the features' errors over their standard deviations near
     these phases: about 1 or less is as expected; NaN for a rule without comparison."""
-    sizes: Sequence[SizePosterior] = ()
-    """Estimates of size and heading from the paths so far, one per pose, or none."""
+    inferred: Sequence[float] | Float[np.ndarray, " 4 *N"] = (math.nan,) * 4
+    """Size of the paths so far, σ of its logarithm, heading and its σ [rad]."""
+    paths: Sequence[PathSimilarity] = ()
+    weights: Float[np.ndarray, "A K"] | None = None
+    """The paths, and weights of their likely sizes given also the present poses."""
+
+    def sizes(self, index: int) -> SizePosterior | None:
+        """Return the likely sizes of a path and its present pose, if there are any."""
+        if self.weights is None:
+            return None
+        return replace(self.paths[index].posterior, weights=self.weights[index])
 
 
 @runtime_checkable
@@ -242,8 +252,7 @@ class PathPhase:
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
-            similarity = self._similarities[number]
-            self._similarities[number] = similarity.model.prior()
+            self._similarities[number] = self._similarities[number].model.prior()
             self._turned[number] = 0.0
 
     def update(
@@ -254,9 +263,9 @@ class PathPhase:
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
 
-        # Features (7, *N): ρ, θ, u, and the likely sizes (6, *N, K) given the path so
+        # Features (7, *N): ρ, θ, u, and the likely sizes (9, *N, K) given the path so
         # far. For a few numbers per row, Python's floats are as fast as NumPy.
-        observed, similarities = [], []
+        observed, paths = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
             handle = self._handles[number]
@@ -266,16 +275,16 @@ class PathPhase:
                 most = self._turned[number] = max(self._turned[number], turn)
                 pairs = zip(leaf, handle.axis, strict=True)
                 rotation = [part + most * along for part, along in pairs]
-            similarity = self._similarities[number]
-            similarity = similarity.updated(math.hypot(x, z), math.atan2(-z, x))
-            self._similarities[number] = similarity
+            path = self._similarities[number]
+            path = path.updated(math.hypot(x, z), math.atan2(-z, x))
+            self._similarities[number] = path
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
-            similarities.append(similarity.features)
+            paths.append(path)
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = similarities[0]
+        similar = paths[0].features
         if poses.ndim > 1:
-            similar = np.stack(similarities, axis=1)
+            similar = np.stack([path.features for path in paths], axis=1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self.settings.window
@@ -286,33 +295,29 @@ class PathPhase:
         width, edge = self._features.shape[1] // self._numbers.size, self._stretch.size
         firsts = np.array([first for first, _ in windows], dtype=np.int64)
         column = self._numbers[rows] * width + edge + firsts.reshape(previous.shape)
-        if column.ndim == 0:
-            near = self._features[:, column : column + edge]
-        else:
-            near = self._features.take(column[:, None] + self._stretch, axis=1)
+        near = self._features.take(column[..., None] + self._stretch, axis=1)
         ranges = self._cost(near, features, similar)
         costs = [values.reshape(len(numbers), -1) for values in ranges]
 
         # Search the whole task if no phase near the last one fits.
-        estimates, sizes = [], []
-        for index, (number, cost, error, near_by, (first, size)) in enumerate(
+        estimates, (*costs, weights) = [], costs
+        for index, (number, cost, error, (first, size)) in enumerate(
             zip(numbers, *costs, windows, strict=True)
         ):
-            best, weights = self._nearest(cost[:size], error, first), near_by
+            best = self._nearest(cost[:size], error, first)
             if best[2] > self.settings.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 pose_features = features.reshape(7, -1)[:, index]
-                alone = similarities[index]
-                everywhere, errors, others = self._cost(whole, pose_features, alone)
-                anywhere = self._nearest(everywhere, errors, -1)
+                everywhere = self._cost(whole, pose_features, paths[index].features)
+                anywhere = self._nearest(*everywhere[:2], -1)
                 if anywhere[2] < self.settings.clearer_share * best[2]:
-                    best, weights = anywhere, others
+                    best, weights[index] = anywhere, everywhere[2]
             estimates.append(best)
-            weights = weights / weights.sum()
-            sizes.append(replace(self._similarities[number].posterior, weights=weights))
+        weights = weights / np.add.reduce(weights, axis=-1, keepdims=True)
+        inferred = size_and_heading(weights.reshape(similar[0].shape), similar)
         phases, stds, misfits = np.array(estimates).T.reshape(3, *previous.shape)
-        return PhaseEstimate(phases, stds, misfits, tuple(sizes))
+        return PhaseEstimate(phases, stds, misfits, inferred, paths, weights)
 
     def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
@@ -346,7 +351,7 @@ class PathPhase:
         self,
         features: Float[np.ndarray, "*F W"],
         observed: Float[np.ndarray, "*E"],
-        sizes: Float[np.ndarray, "6 *N C"],
+        sizes: Float[np.ndarray, "9 *N C"],
     ) -> tuple[
         Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"], Float[np.ndarray, "*N C"]
     ]:
@@ -356,7 +361,7 @@ class PathPhase:
         the sizes, up to a factor: the fit of a size at its best phase.
         """
         pose, along = observed[..., None], features[:, ..., None, :]
-        log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
+        log_weight, size, size_variance, cosine, sine, variance = sizes[:6, ..., None]
         turn = (features[1:4] - pose[1:4]) ** 2
         turning = np.add.reduce(turn * features[8:11], axis=0)
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
