@@ -13,7 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jaxtyping
 import pytest
@@ -23,6 +23,10 @@ if "DISPLAY" not in os.environ and ctypes.util.find_library("EGL"):
     # Read by MuJoCo when it is imported: without a display, pictures come from EGL.
     # Where there is no EGL, this would make the import itself fail.
     os.environ.setdefault("MUJOCO_GL", "egl")
+
+# Modules are compiled once, and not by every process that a test starts.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # The same examples in every run, and no deadline: a first call may compile a scene.
 settings.register_profile("suite", derandomize=True, deadline=None, max_examples=50)
@@ -89,22 +93,23 @@ def _same_environment() -> Iterator[None]:
     os.environ.update(before)
 
 
-@pytest.fixture(scope="module")
-def unchecked_types() -> Iterator[None]:
-    """Switch run-time type checks off, which take nine tenths of a control step.
-
-    For modules that run many steps; `test_registry` takes some of every policy.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-        yield
+TYPED = (
+    *("alignment", "baseline_gmm_gp", "baseline_gmr", "baseline_kmp", "gp_exact"),
+    *("baseline_midigap", "baseline_prodmp", "baseline_promp", "baseline_tp_gmm"),
+    *("control_errors", "demonstrations", "movements", "own_agent", "records"),
+    *("registry", "rests", "rollout", "stiffness", "storage", "trajectory"),
+    "user_policies",
+)
+"""Modules of tests in which types are checked at run time, of every policy's too."""
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _types_are_checked_once(request: pytest.FixtureRequest) -> None:
-    """Check types in tests of the policies, and in the whole episodes of one module."""
-    if request.path.parent.name != "policies" and request.path.stem != "test_rollout":
-        request.getfixturevalue("unchecked_types")
+def _types_are_checked_once(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Switch type checks off elsewhere: they take nine tenths of a control step."""
+    off = request.path.stem.removeprefix("test_") not in TYPED
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", off)
+        yield
 
 
 @pytest.fixture
@@ -132,6 +137,14 @@ def run_python(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]
 @functools.cache
 def _present(part: str) -> bool:
     return PARTS[part].present()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Let processes take whole parts of the suite, which share what is learned."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log)
 
 
 def pytest_configure(config: pytest.Config) -> None:

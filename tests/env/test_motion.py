@@ -21,6 +21,8 @@ from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.data.teacher.forces import hinge_torque, inertia_and_gravity
 
+pytestmark = pytest.mark.slow
+
 OPENED = math.radians(60.0)
 OTHER = tuple(name for name, door in DOORS.items() if door.motion != "hinged")
 MIRRORED = {"bifold-closet": "left", "barn-door": "left", "pocket-door": "right",

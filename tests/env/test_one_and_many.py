@@ -27,7 +27,7 @@ LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53}
 KNOB = {"handle": "knob", "latch": "spring", "radius": 0.45}
 BARS = ["small", 0.42, {"preset": "heavy", "panel_mass": 20.0}, "large"]
 DOORS = ["small", 0.42, LEVER, {"preset": "heavy", "panel_mass": 20.0}]
-LIMIT = 45
+LIMIT = 32
 EVERYTHING = {
     "push": {"along": (5.0, 9.0), "upward": 4.0, "start_time": 0.05},
     "person": {"start_time": 0.1, "duration": 0.1, "on": "hand"},
@@ -148,7 +148,7 @@ def test_hands_reach_for_their_handles_and_take_them(id, make_pair):
     """Each believes its handle to be somewhat beside where it is."""
     ranges = {"preset": "mild", "perception": (0.002, 0.01)}
     begin = {"base": "mobile", "start": "approach", "randomization": ranges}
-    doors = ["room-834", "medium", "small"]
+    doors = ["room-834", "small"]
     ours, model = make_pair(id, NEXT, doors, **begin, max_episode_steps=300)
     observations, _ = reset_both(ours, model, seed=4)
     start = observations["ee_pose"].copy()
@@ -156,7 +156,7 @@ def test_hands_reach_for_their_handles_and_take_them(id, make_pair):
         actions = start * (1.0 - min(step / 110, 1.0))
         if id == GRIPPER:
             width = GRIPPER_WIDTH if step < 110 else 0.0
-            actions = np.column_stack([actions, np.full(3, width)])
+            actions = np.column_stack([actions, np.full(2, width)])
         result = ours.step(actions)
         assert_same(result, model.step(actions))
     assert result[-1]["grasped"].all()
@@ -207,7 +207,8 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(value, mode, make_pair
     ends = []
     for step in range(12):
         if step in (3, 7):
-            ours._batch.qpos_of(1)[:] = value
+            batch = ours._batch
+            batch._batches[batch._structure[1]].qpos[1] = value
             model.envs[1].unwrapped.data.qpos[:] = value
         actions = 0.02 * drawn_actions(ours, rng)
         result = ours.step(actions)

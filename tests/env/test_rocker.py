@@ -8,6 +8,8 @@ from gplfd_env.doors.config import TURNING, DoorConfig
 from gplfd_env.doors.geometry import ROCKERS, DoorGeometry
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 
+pytestmark = pytest.mark.slow
+
 KINDS = [
     (handle, swing, side)
     for handle in ROCKERS

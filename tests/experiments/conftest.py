@@ -18,7 +18,9 @@ from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
+from gplfd_experiments.data.preparation import frames
 from gplfd_experiments.data.teacher import standard_teacher
+from gplfd_experiments.data.teacher.motion import minimum_jerk
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, Forecasts, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
@@ -55,11 +57,6 @@ MODEL = f"""
   </worldbody>
 </mujoco>
 """
-
-
-def minimum_jerk(progress: Any) -> Any:
-    s = np.clip(progress, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 FROM_OUTSIDE = (
@@ -244,6 +241,12 @@ def small_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     from gplfd_experiments.analysis.figures import style
 
     monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)  # type: ignore[index]
+
+
+@pytest.fixture
+def coarse_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for reaches in recordings in coarse steps: it takes most of an import."""
+    monkeypatch.setattr(frames, "_CUTS", frames._CUTS[::5])
 
 
 @pytest.fixture

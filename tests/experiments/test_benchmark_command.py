@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.studies import jobs, runner
+from gplfd_experiments.studies import jobs, runner, tasks
 from gplfd_experiments.studies.settings import (
     StudySettings,
     read_settings,
@@ -136,8 +136,18 @@ def make(training):
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 
-STUDY = [*("--policies", "waiting:make", "--doors", "small"), *ONE[-2:], "13"]
-"""Two jobs: twelve seeds, and one."""
+STUDY = [*("--policies", "waiting:make", "--doors", "small"), *ONE[-2:], "4"]
+"""Two jobs of two seeds."""
+
+INTERRUPTED = """\
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from gplfd.__main__ import main
+from gplfd_experiments.studies import tasks
+tasks.TOGETHER = 2
+sys.exit(main())
+"""
+"""The command, also where pytest is a shell's background job, which ignores SIGINT."""
 
 
 def files(out: Path) -> list[Path]:
@@ -145,22 +155,25 @@ def files(out: Path) -> list[Path]:
 
 
 def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(tasks, "TOGETHER", 2)
     monkeypatch.chdir(tmp_path)
     Path("waiting.py").write_text(WAITING)
-    Path("allowed").write_text("12")
+    Path("allowed").write_text("2")
     command = ["benchmark", *STUDY, "--out", "stopped", "--workers", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "gplfd", *command],
+        [sys.executable, "-c", INTERRUPTED, *command],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    while len(files(Path("stopped"))) < 12:
+    until = time.monotonic() + 300.0
+    while len(files(Path("stopped"))) < 2:
         assert process.poll() is None
+        assert time.monotonic() < until
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # what a terminal does
     # Ends when the last process that could write has ended: the workers, too.
-    _, printed = process.communicate()
+    _, printed = process.communicate(timeout=300.0)
     assert process.returncode == 130
     assert printed.splitlines()[-1] == (
         "gplfd: interrupted; finished files are kept; run the same command again to go "
@@ -168,8 +181,8 @@ def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
     )
     assert "Traceback" not in printed
     content = {path: path.read_bytes() for path in files(Path("stopped"))}
-    Path("allowed").write_text("13")
+    Path("allowed").write_text("4")
     assert benchmark(Path("stopped"), *STUDY) == 0
-    assert len(files(Path("stopped"))) == 13
+    assert len(files(Path("stopped"))) == 4
     # What was finished was not done again.
     assert {path: path.read_bytes() for path in content} == content

@@ -179,6 +179,7 @@ REFUSED = [
     ("benchmark --seeds 1000000000", "90,000,000,000 tasks are more than the 100,0"),
     ("run --demonstrations-per-door 9999", "door 9999 must be 1 to 1000"),
     ("demos record --randomization detector", "approach"),
+    ("demos record --doors small room-834 --policy oracle", "record two data sets"),
     ("learn demos.npz --out demos.npz", "holds the demonstrations; give another file"),
     ("demos record --policy oracle --out taken-v0", "taken-v0 exists and is no data"),
     ("demos import a.csv --out s --frame 1,2,3", "or a pose x,y,z"),

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import minari
@@ -12,9 +11,6 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 
 pytestmark = pytest.mark.slow
-
-Gplfd = Callable[..., int]
-Printed = pytest.CaptureFixture[str]
 
 RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")
 

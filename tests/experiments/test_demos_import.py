@@ -20,7 +20,7 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_cuts")]
 
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
@@ -161,6 +161,7 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     tmp_path, monkeypatch
 ):
+    monkeypatch.undo()  # in fine steps
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for command in commands_of_the_page("cabinet door"):

@@ -183,10 +183,10 @@ def in_lockstep(
 @pytest.mark.parametrize(
     ("policy", "options"),
     [
-        ("gp", {"randomization": "hard", "max_episode_steps": 80}),
-        ("gp-impedance", {"randomization": "hard", "max_episode_steps": 40}),
+        ("gp", {"randomization": "hard", "max_episode_steps": 40}),
+        ("gp-impedance", {"randomization": "hard", "max_episode_steps": 25}),
         ("oracle", {"randomization": "hard"}),
-        ("hinge-fit", {"randomization": "mild", "max_episode_steps": 80}),
+        ("hinge-fit", {"randomization": "mild", "max_episode_steps": 40}),
     ],
 )
 def test_logs_in_lockstep_are_those_of_episodes_alone(policy, options):

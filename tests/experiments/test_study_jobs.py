@@ -3,7 +3,6 @@
 import dataclasses
 import errno
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -26,8 +25,6 @@ from gplfd_policies.registry import catalogue as registry
 from gplfd_policies.registry.method import Method, TrainingInput
 
 pytestmark = pytest.mark.slow
-
-MakeLog = Callable[..., Any]
 
 
 def task(policy: str = "gp", door: float = 0.35, **fields: Any) -> EpisodeTask:

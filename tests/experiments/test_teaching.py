@@ -163,6 +163,7 @@ def test_the_inputs_alone_give_the_same_demonstration_bit_for_bit(
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 def test_gp_opens_doors_that_were_taught_and_others_gently(
     small: Taught, tmp_path: Path
 ) -> None:
@@ -255,18 +256,17 @@ def test_a_person_pulls_no_more_than_the_synthetic_corrector(
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_a_person_s_correction_opens_the_door(tmp_path: Path) -> None:
-    """At a flap that stays closed without it."""
+    """At a flap that stays closed without it, as `test_correcting` shows."""
     gp, oven = skill_method("gp"), DOORS["oven"]
     shown = Teacher().standard_demonstrations(seed=0, like=oven)
     skill = gp.learn(TrainingInput(demonstrations=shown))
     stiff = oven.replaced({"radius": 0.36, "closer": {"preload": 4.5}})
     task = episode_task("flap", stiff, policy="gp", seed=0)
-    assert not open_watched(task, gp.follow(skill)).success
     store = CorrectedSkill(gp, skill, tmp_path / "better.npz")
     lesson = CorrectionLesson(task, store, "mouse", drawn=False)
     # Drag the hand ahead along the path, from 2 s on and up to 50 degrees.
     geometry = DoorGeometry.of(lesson.door)
-    while not lesson.over:
+    while lesson.state["time"] < 7.0:
         angle, ahead = np.radians(lesson.state["angle"]), lesson.state["time"] - 2.0
         sample = IDLE.copy()
         if ahead > 0.0 and angle < np.radians(50.0):

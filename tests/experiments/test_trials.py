@@ -5,7 +5,6 @@ import functools
 import json
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -47,7 +46,6 @@ from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 MakeEpisode = Callable[..., dict[str, Any]]
 
 

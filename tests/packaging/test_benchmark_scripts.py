@@ -89,6 +89,7 @@ def test_a_scene_is_pictured_and_a_film_shows_the_hand_s_way(tmp_path, monkeypat
     assert np.std(image) > 10
     task = dataclasses.replace(pictures.task_of("radius"), policy="oracle")
     monkeypatch.setattr(pictures, "task_of", lambda name: task)
+    monkeypatch.setattr(pictures, "_EVERY", 8 * pictures._EVERY)
     pictures.film_trial(tmp_path / "radius.gif", "radius", (160, 120))
     red, blue = [], []
     with Image.open(tmp_path / "radius.gif") as film:

@@ -94,11 +94,6 @@ def fitted_in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Move
 
 
 @pytest.fixture(scope="session")
-def in_few_iterations() -> Callable[[Callable[..., Movement]], Callable[..., Movement]]:
-    return fitted_in_few_iterations
-
-
-@pytest.fixture(scope="session")
 def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     """Learn movements, each once for all methods that learn alike.
 

@@ -22,7 +22,7 @@ from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.heteroscedastic import LEAST_SPREAD, MapNoise
 from gplfd_policies.gp.kernels import RBF, LegendreBasis
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 TIMES = np.linspace(0.0, 1.0, 60)
 ANGLE = 1.2

@@ -14,8 +14,6 @@ from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.movements.baselines.promp import fit_promp
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)
 GRID_FREE = ["exact", "process"]

@@ -17,8 +17,6 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 STIFF = PAPER_PROFILE.k_max
 WRENCH = np.array([5.0, -3.0, 8.0, 0.5, -0.2, 0.1])
 

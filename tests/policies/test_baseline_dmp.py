@@ -12,8 +12,6 @@ from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 GRID = np.linspace(0.0, 1.0, 101)
 TURN = np.array([1.5, -1.0, 0.8])
 """A rotation vector of 2 rad about a skew axis."""

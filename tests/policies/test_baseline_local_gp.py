@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 TIMES = np.linspace(0.0, 1.0, 80)
 STEP_STD = np.where(TIMES < 0.5, 0.01, 0.05)

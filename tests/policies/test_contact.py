@@ -19,8 +19,6 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 H, HELD = 0.01, 2000.0
 LOOP = ContactLoop(stiffness=np.full(6, HELD), delay=0.03)
 
@@ -148,7 +146,9 @@ def remaining_force(k, least, periods, held):
 @pytest.mark.parametrize("held", [True, False])
 def test_contact_model_agrees_with_the_simulation(held):
     """0 to 3 periods of delay, 100 to 500 N/m, without and with a least damping."""
-    for periods, k, least in product(range(4), (100, 200, 330, 500), (0, 60)):
+    # A free hand has no contact loop that could oscillate, whatever its stiffness.
+    stiffnesses = (100, 200, 330, 500) if held else (100, 500)
+    for periods, k, least in product(range(4), stiffnesses, (0, 60)):
         dynamics = replace(DEFAULT_DYNAMICS, least_damping=six(least))
         limit = HELD_HAND.tolerated_delay(
             six(k), dynamics.damping(six(k)), dynamics.mass
@@ -156,6 +156,5 @@ def test_contact_model_agrees_with_the_simulation(held):
         margin = limit[0] - (periods * H + SERVO_LAG)
         if held and abs(margin) < 5e-4:
             continue
-        # A free hand has no contact loop that could oscillate.
         calm = remaining_force(k, least, periods, held) < 0.5
         assert calm == (margin > 0.0 or not held), (periods, k, least)

@@ -15,8 +15,6 @@ from gplfd_policies.demonstrations.aligned import carried_on, continued, drift
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.prior_mean import ResidualMovement
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 PHASES = np.linspace(0.0, 1.0, 200)
 
 

@@ -11,7 +11,7 @@ from gplfd_policies import POLICIES, Demonstration, TrainingInput, load_skill
 from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.registry.method import completed
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 GP = POLICIES["gp"].method
 NOISE = np.repeat([1e-3, 4e-3], 3)

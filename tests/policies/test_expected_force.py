@@ -10,8 +10,6 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 RADIUS = 0.5
 
 

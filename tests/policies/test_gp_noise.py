@@ -7,7 +7,7 @@ from scipy.special import digamma, polygamma
 
 from gplfd_policies.gp.heteroscedastic import KerstingNoise, MapNoise
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 TIMES = np.linspace(0.0, 1.0, 120)
 TRUE = 0.05**2 * np.exp(2.0 * np.sin(5.0 * TIMES))

@@ -13,7 +13,7 @@ from gplfd_policies.gp.exact import (
 )
 from gplfd_policies.gp.kernels import RBF, SIZES, LegendreBasis
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.0)
 

@@ -16,8 +16,6 @@ from gplfd_policies.gp.deviations import (
     wobbling,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 TIMES = np.linspace(0.0, 1.0, 30)
 PROCESS = DeviationProcess(
     wobble=1e-6, varying=0.4, white=0.1, long_scale=0.6, short_scale=0.2

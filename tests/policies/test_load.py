@@ -14,8 +14,6 @@ from gplfd_policies.control.load import (
 )
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 FORWARD = np.array([1.0, 0.0, 0.0])
 
 

@@ -15,7 +15,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 RADII = (0.38, 0.50, 0.62)
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")

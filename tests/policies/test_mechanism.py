@@ -21,7 +21,7 @@ from gplfd_policies.agents.model_based.mechanism import (
     Rotational,
 )
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 X, Y, Z = np.eye(3)
 
@@ -81,7 +81,7 @@ def fitted(poses, pull=X):
     return models
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("door", "pull", "kind"),
     [
@@ -195,7 +195,6 @@ def opened(policy, door, last, periods=1000):
     [
         (hinged(0.4), 0.64, 60.0 / 92.0, 1.5),
         (hinged(0.4, Y), 0.64, 60.0 / 92.0, 1.5),
-        (hinged(0.4, Z), 0.64, 60.0 / 92.0, 1.5),
         (folding, 1.5, 0.95, 6.0),
         (parallel, 0.8, 0.95, 10.0),
         (helix, 0.7, 60.0 / 90.0, 5.0),

@@ -9,7 +9,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import make_agent
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 
 def observation(pose, force=(0.0, 0.0, 0.0)):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import DoorGeometry
 from gplfd_policies.agents.model_based.following import UPRIGHT, _distances, fit_circle
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)

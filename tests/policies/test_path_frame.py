@@ -23,8 +23,6 @@ from gplfd_policies.control.stiffness import (
     spread_profile,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 # Of these d = max(2√(mk), 30) is constant below 225 N/m, and no monotone function of
 # matrices: with K' ≤ K, D' may be larger than D.
 KINKED = VirtualDynamics(mass=np.ones(6), least_damping=np.full(6, 30.0))

@@ -12,7 +12,7 @@ from gplfd_policies.demonstrations.path_similarity import (
 )
 from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 FINAL_ANGLE = np.radians(67.0)
 PRIOR = SimilarityConfig().heading_std
@@ -171,8 +171,8 @@ def test_rate_is_the_derivative_of_the_mean(skill):
     assert_allclose(estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65])
-@pytest.mark.parametrize("yaw", np.radians([-5.0, -2.0, 2.0, 5.0]))
+@pytest.mark.parametrize("radius", [0.35, 0.65])
+@pytest.mark.parametrize("yaw", np.radians([-5.0, 5.0]))
 def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
     angles = np.linspace(0.0, FINAL_ANGLE, 500)
     poses = arc(radius, angles)

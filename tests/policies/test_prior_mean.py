@@ -20,7 +20,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 )
 from gplfd_policies.movements.prior_mean import fit_residual
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)

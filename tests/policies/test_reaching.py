@@ -14,8 +14,6 @@ from gplfd_policies.agents.reaching import (
     split_at_grasp,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 ELSEWHERE = np.array([0.136, 0.02, -0.064, 0.0, 0.05, 0.0])
 
 

@@ -46,8 +46,6 @@ from gplfd_policies.serving.session import (
 )
 from gplfd_policies.serving.settings import ServeSettings
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 PERIOD = 0.01
 SETTINGS = ServeSettings(source="puller")
 HELLO = {"type": "hello", "protocol": 1}

@@ -18,8 +18,6 @@ from gplfd_policies.demonstrations.path_similarity import (
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.phase_rule import PathPhase
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 TIMES = np.linspace(0.0, 1.0, 200)
 
 

@@ -10,7 +10,7 @@ from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.skill import SIZE_STD
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 TIMES = np.linspace(0.0, 1.0, 60)
 SPREAD = 0.01 + 0.05 * TIMES**2
@@ -195,7 +195,6 @@ def test_via_point_frees_outputs_by_nan_or_infinite_noise():
         ({"phase": 0.1, "pose": np.zeros(6), "std": -1.0}, "must be >= 0"),
     ],
 )
-@pytest.mark.usefixtures("as_for_users")
 def test_impossible_via_points_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ViaPoint(**arguments)

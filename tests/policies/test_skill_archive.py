@@ -11,7 +11,7 @@ from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.registry.method import TrainingInput
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 PHASES = np.linspace(-0.05, 1.05, 45)
 VIA_POINT = ViaPoint(phase=0.4, pose=np.array([0.2, 0.0, -0.05, 0.0, 0.4, np.nan]))

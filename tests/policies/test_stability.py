@@ -22,8 +22,6 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 SETTINGS = [(PAPER_PROFILE, PAPER_DYNAMICS), (DEFAULT_PROFILE, DEFAULT_DYNAMICS)]
 DT = 0.01
 

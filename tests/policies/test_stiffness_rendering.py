@@ -16,8 +16,6 @@ from gplfd_policies.control.rendering import (
 )
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
-
 H = 0.01
 DESIRED = np.array([0.2, 0.01, -0.05, 0.02, 0.4, -0.03])
 STIFFNESS = np.array([150.0, 300.0, 450.0, 15.0, 30.0, 45.0])

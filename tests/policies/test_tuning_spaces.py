@@ -11,7 +11,7 @@ from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.registry.built_in import SPACES, tuned
 from gplfd_policies.registry.method import profile_of_spread
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = pytest.mark.slow
 
 GRID = np.linspace(0.0, 1.0, 40)
 VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)

@@ -34,7 +34,7 @@ def demonstrations(degrees, tilt=2.0, count=4):
     return made
 
 
-ANGLES = [90, 330, 345, 360, 375, 540, 800]
+ANGLES = [90, 330, 360, 375, 800]
 
 
 @pytest.mark.filterwarnings("ignore:turns")

@@ -137,19 +137,20 @@ def on_circle(samples: Samples) -> Samples:
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     turned = (rotations * rotations[0].inv()).as_rotvec()
-    whole = np.hstack([positions, turned])
-    for columns in (whole, positions) if turned.any() else (positions,):
+    fits = {}
+    for first, last in itertools.product(_CUTS, 1.0 - _CUTS):
+        if last - first >= _LEAST_PART:
+            places = way[-1] * np.linspace(first, last, 60)
+            sampled = interpolated(places, way, np.hstack([positions, turned]))
+            fits[first, last] = sampled[:, 3:], _fitted(sampled[:, :3], precisely=False)
+    for with_rotation in (True, False) if turned.any() else (False,):
         residuals = {}
-        for first, last in itertools.product(_CUTS, 1.0 - _CUTS):
-            if last - first >= _LEAST_PART:
-                places = way[-1] * np.linspace(first, last, 60)
-                part = interpolated(places, way, columns)
-                hinge = _fitted(part[:, :3], precisely=False)
-                off = hinge.residual
-                if columns is whole:  # The hand is to turn by the angle on the circle.
-                    untimely = part[:, 3:] @ hinge.axis - hinge.angles
-                    off = math.hypot(off, hinge.radius * float(np.std(untimely)))
-                residuals[first, last] = off
+        for part, (turns, hinge) in fits.items():
+            off = hinge.residual
+            if with_rotation:  # The hand is to turn by the angle on the circle.
+                untimely = turns @ hinge.axis - hinge.angles
+                off = math.hypot(off, hinge.radius * float(np.std(untimely)))
+            residuals[part] = off
         bound = _ALIKE * min(residuals.values()) + _NOISE
         fitting = [part for part, off in residuals.items() if off <= bound]
         first, last = max(fitting, key=lambda part: part[1] - part[0])
