@@ -197,7 +197,7 @@ def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
         seen = rule.update(pose, phase, phase)
         phase = seen.phase
         phases.append(phase)
-    assert seen.inferred[:2] == (1.0, 0.0)
+    assert seen.inferred[:2].tolist() == [1.0, 0.0]
     # The mean path's distance is an average over sizes.
     expected = np.interp(distances, np.abs(model.path), TIMES)
     assert np.abs(phases - expected)[10:].max() < 0.03
