@@ -125,9 +125,10 @@ def test_a_clock_that_restarts_divides_the_recording(late):
 
 
 def test_time_stamps_that_are_coarse_are_noticed():
-    coarse = replace(RAW, times=np.floor(TIMES * 20.0) / 20.0)
-    said = "which moved: time stamps are coarse; say --recorded-rate 200"
-    assert said in texts(only(coarse), warnings=True)
+    note = "which moved: time stamps are coarse; say --recorded-rate 200"
+    for scale in (0.05, 50.0, 5e4):  # In seconds, and in a wrong unit.
+        coarse = replace(RAW, times=scale * np.floor(TIMES * 20.0))
+        assert note in texts(only(coarse, largest_gap=1e5, rate=0.0), warnings=True)
     # A program that stores the same sample again loses nothing.
     again = RAW.part(np.repeat(np.arange(401), 3))
     assert "802 samples with a repeated" in texts(only(again), warnings=False)

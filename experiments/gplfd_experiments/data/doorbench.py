@@ -136,9 +136,20 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         fields |= _operated(spec, fields)
         fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
         spec.lose_all(_LOST)
-        fields = _within(fields, spec.lost)
-        arguments: _Fields = {}
+        limited = dict(fields)
         for name, value in fields.items():
+            # A door with another radius would be another door; `DoorConfig` raises.
+            if not isinstance(value, str) and name not in ("radius", "leaf.width"):
+                allowed = _range_of(name)
+                limited[name] = nearest = min(max(value, allowed.low), allowed.high)
+                outside = (
+                    f"{name} = {value:g} is outside {allowed}; {nearest:g} instead"
+                )
+                spec.lose(nearest != value, outside)
+        if limited["leaf.backset"] != fields["leaf.backset"]:
+            limited["leaf.width"] = None
+        arguments: _Fields = {}
+        for name, value in limited.items():
             part, _, field = name.rpartition(".")
             (arguments.setdefault(part, {}) if part else arguments)[field] = value
         door = DoorConfig(**arguments)
@@ -269,22 +280,6 @@ def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
     if handle not in ("lever", "knob"):
         operated["lockset.handle_arm"] = grip
     return operated
-
-
-def _within(fields: Mapping[str, Any], lost: list[str]) -> _Fields:
-    """Return fields limited to their ranges; add the limited ones to `lost`."""
-    limited = dict(fields)
-    for name, value in fields.items():
-        # A door with another radius would be another door; `DoorConfig` raises.
-        if not isinstance(value, str) and name not in ("radius", "leaf.width"):
-            allowed = _range_of(name)
-            limited[name] = nearest = min(max(value, allowed.low), allowed.high)
-            if nearest != value:
-                text = f"{name} = {value:g} is outside {allowed}; {nearest:g} instead"
-                lost.append(text)
-    if limited["leaf.backset"] != fields["leaf.backset"]:
-        limited["leaf.width"] = None
-    return limited
 
 
 def _range_of(name: str) -> Range:

@@ -22,7 +22,7 @@ from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.data.writers.commands import COMMAND_WRITERS, bag_library
+from gplfd_experiments.data.writers import COMMAND_WRITERS, bag_library
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance

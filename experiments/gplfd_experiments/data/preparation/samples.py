@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_experiments.data.raw import ROW, RawRecording, restarts
 from gplfd_experiments.data.settings import (
     METRES,
+    SECONDS,
     ImportSettings,
     Segments,
     likely_time_unit,
@@ -198,10 +199,8 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     changes = np.where(overlap < 0.0, -1.0, 1.0)
     if flips := np.count_nonzero(changes < 0.0):
         notes.add(f"{flips} quaternions changed sign")
-    signs = np.concatenate([[1.0], np.cumprod(changes)])
-    return replace(
-        samples, poses=np.hstack([samples.positions, quaternions * signs[:, None]])
-    )
+    quaternions[1:] *= np.cumprod(changes)[:, None]
+    return samples
 
 
 def _lost(values: FloatArray, neutral: Sequence[float]) -> NDArray[np.bool_]:
@@ -227,10 +226,11 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
         text = f"{repeated} samples with a repeated time stamp left out"
         moved = (np.diff(samples.poses, axis=0) != 0.0).any(axis=1) & ~first[1:]
         if np.count_nonzero(moved) > _LARGEST_LOST * len(first):
-            rate = (len(first) - 1) / np.ptp(samples.times)
+            step = float(np.ptp(samples.times)) / (len(first) - 1)
+            step *= SECONDS[likely_time_unit(step) or "s"]
             notes.warn(
                 f"{text}, which moved: time stamps are coarse; say --recorded-rate "
-                f"{rate:.4g}"
+                f"{1.0 / step:.4g}"
             )
         else:
             notes.add(text)
@@ -282,27 +282,15 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     """Divide a motion into repetitions, see `ImportSettings.segment`."""
     if how == "none":
         return [samples]
-    if how == "rests":
-        spans, forth = _between_rests(samples)
-        kept, others = np.count_nonzero(forth), np.count_nonzero(~forth)
-        left_out = f", {others} other motions left out" if others else ""
-        notes.add(f"{kept} repetitions between rests{left_out}")
-        spans = spans[forth]
-    else:
-        spans = np.array(how)
-    parts = []
-    for start, end in spans:
-        parts.append(samples.between(start, end))
-        if len(parts[-1].times) < 2:
-            raise ValueError(
-                f"there are no samples from {start:g} to {end:g} s after the first; "
-                f"the recording lasts {samples.times[-1]:.3f} s"
-            )
-    return parts
-
-
-def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return spans between rests [s], (M, 2), and which are whole and not back."""
+    if how != "rests":
+        parts = [samples.between(start, end) for start, end in how]
+        for part, (start, end) in zip(parts, how, strict=True):
+            if len(part.times) < 2:
+                raise ValueError(
+                    f"there are no samples from {start:g} to {end:g} s after the "
+                    f"first; the recording lasts {samples.times[-1]:.3f} s"
+                )
+        return parts
     # The speed of the smoothed hand in metres and half radians per second.
     times, step = samples.times, samples.step
     clock = np.arange(times[0], times[-1], step)
@@ -320,13 +308,20 @@ def _between_rests(samples: Samples) -> tuple[FloatArray, NDArray[np.bool_]]:
     ends = times[np.flatnonzero(edges == -1) - 1]
     apart = starts[1:] - ends[:-1] >= _LEAST_REST
     starts, ends = starts[np.r_[True, apart]], ends[np.r_[apart, True]]
-    spans = np.column_stack([starts - _MARGIN, ends + _MARGIN])
+    runs = [
+        samples.between(start - _MARGIN, end + _MARGIN)
+        for start, end in zip(starts, ends, strict=True)
+    ]
     # Motions that are long enough, in the direction of the first.
-    runs = [samples.between(start, end).poses for start, end in spans]
-    ways = np.array([np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in runs])
+    steps = [np.linalg.norm(np.diff(run.poses, axis=0), axis=1) for run in runs]
+    ways = np.array([lengths.sum() for lengths in steps])
     long = ways >= _LEAST_PATH * ways.max()
-    moved = np.array([poses[-1] - poses[0] for poses in runs])
-    return spans, long & (moved @ moved[np.argmax(long)] > 0.0)
+    moved = np.array([run.poses[-1] - run.poses[0] for run in runs])
+    forth = long & (moved @ moved[np.argmax(long)] > 0.0)
+    kept, others = np.count_nonzero(forth), np.count_nonzero(~forth)
+    left_out = f", {others} other motions left out" if others else ""
+    notes.add(f"{kept} repetitions between rests{left_out}")
+    return [run for run, whole in zip(runs, forth, strict=True) if whole]
 
 
 def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:

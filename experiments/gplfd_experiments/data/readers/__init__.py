@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers import arrays, bags, lerobot, motion_capture, tables
+from gplfd_experiments.data.readers import arrays, bags, motion_capture, tables
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_policies.arrays.storage import regular_file
 
@@ -54,7 +54,7 @@ READERS: Final = (
     Reader("a C3D file", motion_capture.c3d, (".c3d",)),
     Reader("a bag of ROS", bags.read, (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
     Reader("demonstrations of robomimic", arrays.robomimic, (".hdf5", ".h5")),
-    Reader("a data set of LeRobot", lerobot.read, marks=("meta/info.json",)),
+    Reader("a data set of LeRobot", arrays.lerobot, marks=("meta/info.json",)),
     Reader("a data set of Minari", arrays.own_set, marks=("data/metadata.json",)),
     Reader("a set of demonstrations", arrays.own_set, marks=("demonstrations.npz",)),
 )
@@ -67,7 +67,7 @@ _OPTIONS: Final[Mapping[Any, tuple[str, ...]]] = {
     motion_capture.c3d: ("body",),
     bags.read: ("body", "urdf", "link", "wrench"),
     arrays.robomimic: ("body", "angles", "wrench"),
-    lerobot.read: ("body", "columns", "angles", "quaternions", "wrench"),
+    arrays.lerobot: ("body", "columns", "angles", "quaternions", "wrench"),
 }
 """Settings that have an effect on some kinds of files only, by their reader."""
 

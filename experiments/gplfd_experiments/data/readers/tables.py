@@ -220,7 +220,7 @@ def _turned(
     form: Names,
     values: FloatArray,
     unit: str,
-    times: FloatArray | None,
+    times: FloatArray,
     settings: ImportSettings,
     notes: list[str],
 ) -> tuple[FloatArray, str]:
@@ -252,15 +252,13 @@ def _turned(
     return quaternions, reading
 
 
-def _turning_speed(quaternions: FloatArray, times: FloatArray | None) -> float:
+def _turning_speed(quaternions: FloatArray, times: FloatArray) -> float:
     """Return the speed [rad/s] above which a hand turns a quarter of the time."""
-    usable = np.isfinite(quaternions).all(axis=1)
-    if times is not None:
-        usable &= np.isfinite(times)
-    if times is None or usable.sum() < 2:
-        return 0.0
+    usable = np.isfinite(quaternions).all(axis=1) & np.isfinite(times)
     turned, clock = quaternions[usable], times[usable]
-    reach = math.ceil(_CHORD * len(clock) / (np.ptp(clock) or math.inf)) or 1
+    if not usable.any() or np.ptp(clock) == 0.0:
+        return 0.0
+    reach = math.ceil(_CHORD * len(clock) / np.ptp(clock))
     steps = clock[reach:] - clock[:-reach]
     overlap = np.abs(np.einsum("ij,ij->i", turned[reach:], turned[:-reach]))
     angles = 2.0 * np.arccos(np.minimum(overlap, 1.0))[steps > 0.0]
@@ -327,8 +325,11 @@ def recording(
     if form is not None:
         _, unit = angles_of(settings.angles)
         values, unit = quantity(form, unit if turning else None, "angles")
+        clock, rate = times, settings.recorded_rate
+        if clock is None or rate is not None:
+            clock = np.arange(len(values)) / (rate or 1.0)
         quaternions, reading = _turned(
-            form, values, unit or "rad", times, settings, notes
+            form, values, unit or "rad", clock, settings, notes
         )
     measured = columns.keys() & set(FORCE)
     if set(FORCE[:3]) <= measured:
@@ -420,7 +421,16 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     columns, numbers may have decimal commas. Lines of names are joined, as of Motive.
     """
     lines = _lines(path.read_bytes())
-    delimiter = _delimiter(lines)
+    if separated := re.fullmatch(r"sep=(.+)", lines[0][1].strip(" \"'")):
+        lines.pop(0)
+        delimiter = separated[1].replace("\\t", "\t")
+    else:
+        text = lines[:_MOST_HEADS][-1][1]
+        marks = [*(mark for mark in "\t;," if mark in text), " "]
+        delimiter = marks[0]
+        for mark in reversed(marks):
+            if all(_number(cell, mark) is not None for cell in _cells(text, mark)):
+                delimiter = mark
     top = [_cells(text, delimiter) for _, text in lines[:_MOST_HEADS]]
     heads, first = _heads(top, settings, delimiter)
     where = "--columns" if settings.columns else "the header"
@@ -480,19 +490,6 @@ def _lines(content: bytes) -> list[tuple[int, str]]:
     if not lines:
         raise ValueError("it is empty")
     return lines
-
-
-def _delimiter(lines: list[tuple[int, str]]) -> str:
-    """Return what separates columns; a line such as ``sep=;`` says it, and goes."""
-    if separated := re.fullmatch(r"sep=(.+)", lines[0][1].strip(" \"'")):
-        lines.pop(0)
-        return separated[1].replace("\\t", "\t")
-    text = lines[:_MOST_HEADS][-1][1]
-    marks = [*(mark for mark in "\t;," if mark in text), " "]
-    for mark in marks:
-        if all(_number(cell, mark) is not None for cell in _cells(text, mark)):
-            return mark
-    return marks[0]
 
 
 def _heads(

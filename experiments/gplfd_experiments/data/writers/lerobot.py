@@ -17,7 +17,7 @@ from PIL import Image
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
+from gplfd_experiments.data.readers.arrays import AS_OBSERVED, INFO, STATE, WRENCH
 from gplfd_experiments.data.readers.tables import FORCE
 from gplfd_experiments.data.writers import states_of
 from gplfd_experiments.files.folders import complete_folder
