@@ -103,16 +103,6 @@ def stacked(records: Sequence[Record]) -> Record:
     return result
 
 
-def row_of(record: Record, row: int) -> Record:
-    """Return the record of one simulation from a record of many."""
-
-    def of(entry: Any) -> Any:
-        return entry[row].item() if isinstance(entry, np.ndarray) else entry
-
-    result: Record = mapped(of, record)
-    return result
-
-
 def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
     """Return the components of a vector as n tuples, one per simulation."""
     parts = [x.tolist() if isinstance(x, np.ndarray) else [x] for x in vector]

@@ -24,7 +24,6 @@ from gplfd_env.conventions.one_and_many import (
     columns,
     mapped,
     negated,
-    row_of,
     sqrt,
     stacked,
     where,
@@ -228,12 +227,16 @@ class Episode:
             return NO_EXTRA_INPUTS
         inputs = ExtraInputs({}, {}, {})
         readings, progress = self.readings, self.progress
-        for row, intervention in _chosen(self._interventions, stepped):
-            time, door = self._of(row, (readings.time, readings.door))
-            taken, point = self._of(row, (progress.opening.taken, progress.grasp_point))
-            slip = door.hand_on_handle[0] - point[0] if taken else 0.0
-            inputs.loads[row] = intervention.loads(float(time), door, float(slip))
         if self._interventions:
+            door, taken = readings.door, progress.opening.taken
+            moved = taken, door.hand_on_handle[0], progress.grasp_point[0]
+            (t, n, r), state = door.axes, (readings.time, door.angle)
+            numbers = by_row((*moved, *state, *t, *n, *r))
+            for row, intervention in _chosen(self._interventions, stepped):
+                holds, hand, point, time, angle, *axes = numbers[row]
+                slip = float(hand - point) if holds else 0.0
+                loads = intervention.loads(float(time), float(angle), axes, slip)
+                inputs.loads[row] = loads
             self._read_effects()
         for row, delay in _chosen(self._delays, stepped):
             commands[row] = delay.pass_on(commands[row], self._parts[row].rest)
@@ -311,6 +314,8 @@ class Episode:
         wrench, time = self._column(readings.wrench), self._column((readings.time,))
         observation = self.reader.observation(sensordata, wrench, time, self.command)
         for row, intervention in self._interventions.items():
+            if intervention.base_distance == 0.0:
+                continue
             of_row = self._index_of(row)
             observation["ee_pose"][of_row][..., :3] -= intervention.base_shift
             observation["ee_twist"][of_row][..., :3] -= intervention.base_velocity
@@ -337,10 +342,6 @@ class Episode:
         time, latched = steps * CONTROL_PERIOD, constants.latched & bolted
         hand = tuple(values[reader.ee_pose]) if self._grippers else ()
         return Readings(time, reader.wrench(values), hand, base, door, latched)
-
-    def _of(self, row: int, record: Thing) -> Thing:
-        """Return one simulation's part of a record."""
-        return record
 
     def _index_of(self, row: int) -> Any:
         """Return the index of a simulation in the arrays of an observation."""
@@ -486,9 +487,6 @@ class Episodes(Episode):
                 info[name] = np.empty(self.n, kind)
                 info[name][:] = value
         return info
-
-    def _of(self, row: int, record: Thing) -> Thing:
-        return row_of(record, row)
 
     def _index_of(self, row: int) -> Any:
         return row

@@ -5,7 +5,8 @@ readings at its beginning.
 """
 
 import math
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Vector
 from gplfd_env.doors.disturbance import Person
@@ -14,7 +15,6 @@ from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.simulation.command import Loads
-from gplfd_env.task.observation import DoorReading
 
 # Integration steps of the person's hand per control period: 0.2 ms, a fortieth of the
 # oscillation period of the stiffest hand.
@@ -54,9 +54,14 @@ class Intervention:
         self.base_shift: Vector = _NOTHING
         self.base_velocity: Vector = _NOTHING
 
-    def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
-        """Return the loads in the next period; the hand has slipped by `slip` [m]."""
-        cause, door, angle = self._cause, self._door, float(reading.angle)
+    def loads(
+        self, time: float, angle: float, axes: Sequence[float], slip: float
+    ) -> Loads:
+        """Return the loads in the next period, from the angle of the door [rad].
+
+        The nine numbers are `DoorReading.axes`; the hand has slipped by `slip` [m].
+        """
+        cause, door = self._cause, self._door
         hand, forearm, hinge = _NOTHING, _NOTHING, 0.0
         if cause.breakaway and angle < cause.breakaway.seal_angle:
             closed = 1.0 - max(angle, 0.0) / cause.breakaway.seal_angle
@@ -71,9 +76,9 @@ class Intervention:
                 sizes = share * push.along, share * push.upward, share * push.outward
             self.push_force = math.hypot(*sizes)
             if cause.push.on == "hand":
-                hand = self._in_world(sizes, reading)
+                hand = self._in_world(sizes, axes)
             elif cause.push.on == "forearm":
-                forearm = self._in_world(sizes, reading)
+                forearm = self._in_world(sizes, axes)
             else:
                 hinge += sizes[0] * door.hand_radius
         if self._person:
@@ -83,7 +88,7 @@ class Intervention:
             if self._person.on == "door":
                 hinge -= resistance * door.hand_radius
             else:
-                held = self._in_world((-resistance, 0.0, 0.0), reading)
+                held = self._in_world((-resistance, 0.0, 0.0), axes)
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])
         since = self._bump_start.since(time, angle) if cause.bump else None
         if cause.bump and since is not None:
@@ -107,12 +112,11 @@ class Intervention:
         hinge *= door.hinge_sign * door.swing_sign
         return Loads(hand, forearm, hinge, stop, friction)
 
-    def _in_world(self, sizes: Vector, reading: DoorReading) -> Vector:
+    def _in_world(self, sizes: Vector, axes: Sequence[float]) -> Vector:
         """Return a force [N] along the motion, upwards and outwards in world axes."""
         a, b, c = sizes
         a, c = self._door.swing_sign * a, self._door.hinge_sign * c
-        axes: Any = reading.axes  # Numbers of one simulation.
-        x, y, z = (a * i + b * j + c * k for i, j, k in zip(*axes, strict=True))
+        x, y, z = (a * axes[i] + b * axes[i + 3] + c * axes[i + 6] for i in range(3))
         return x, y, z
 
 

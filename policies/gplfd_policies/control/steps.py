@@ -14,6 +14,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.validation.fields import real_array
+from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.rows import PerRow, Rows
 from gplfd_policies.arrays.shapes import Bool, Float, Pose
 
@@ -24,6 +25,7 @@ Poses = Float[np.ndarray, "*N 6"]
 Vectors = Float[np.ndarray, "*N 3"]
 
 _NAN: Final[Any] = math.nan
+_ABSENT: Final[Any] = {x: read_only(np.full(x, np.nan))[()] for x in ((), (3,), (6,))}
 
 
 def measured(observation: Observation) -> tuple[Pose, Pose]:
@@ -123,9 +125,11 @@ class AgentStep:
                 continue
             dtype = np.bool_ if name == "via_point" else np.float64
             value: Any = getattr(self, name)
-            if name == "action":
-                value = real_array(value)
-            array: np.ndarray = np.array(value, dtype=dtype)
+            if value is _NAN and name != "action" and shape in _ABSENT and not leading:
+                object.__setattr__(self, name, _ABSENT[shape])
+                continue
+            value = real_array(value) if name == "action" else value
+            array: np.ndarray = np.array(value, dtype)
             expected, single = leading + shape, shape if name == "frame" else ()
             repeated = array.shape == single and name != "action"
             if array.shape != expected and not repeated:
@@ -154,7 +158,10 @@ class AgentStep:
         if not steps:
             return cls(action=np.empty((0, 6)))
         fields = {name: [getattr(step, name) for step in steps] for name in STEP_SHAPES}
-        return cls(**{name: np.stack(values) for name, values in fields.items()})
+        for name, shape in STEP_SHAPES.items():  # A default costs less than a stack.
+            if all(value is _ABSENT.get(shape) for value in fields[name]):
+                del fields[name]
+        return cls(**{name: np.array(values) for name, values in fields.items()})
 
     def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
         """Return the steps of a batch in which only these rows act and others stay."""

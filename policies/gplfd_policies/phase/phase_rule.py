@@ -233,8 +233,7 @@ class PathPhase:
         self._handles: list[TurnedHandle | None] = [handle]
         self._turned = [0.0]
         self.settings = config
-        model = SimilarityModel.of(aligned, config.similarity)
-        self._similarities: list[PathSimilarity] = [model.prior()]
+        self._similarities = [SimilarityModel.of(aligned, config.similarity).prior()]
 
     @classmethod
     def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
