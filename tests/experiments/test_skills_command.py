@@ -47,15 +47,16 @@ def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys
     Path("doors/mine.json").write_text(json.dumps(own))
     doors = ["0.50", "oven", "doors/mine.json"]
     run = ["run", "--doors", *doors, "--out", "kinds", "--policy", "oracle"]
-    learn = ["learn", "kinds/demonstrations-oven.npz", "--policy", "gp-homoscedastic"]
+    policy = ["--policy", "gp-within-demonstrations"]
+    learn = ["learn", "kinds/demonstrations-oven.npz", *policy]
     assert cli.main([*run, "--quiet"]) == 0
     capsys.readouterr()
     assert cli.main([*learn, "--out", "my skill.npz", "--quiet"]) == 0
     again = ["run", "--skill", "my skill.npz", "--doors", "oven", "doors/mine.json"]
     given = next_command(capsys)
-    assert given == [*again, "--policy", "gp-homoscedastic"]
+    assert given == [*again, *policy]
     assert cli.main([*given, "--out", "again", "--quiet"]) == 0
-    assert cli.main([*again, "--out", "again"]) == 2  # The policy of another.
+    assert cli.main([*again, "--out", "other"]) == 2  # The policy of another.
     assert demonstrated_doors(Path("kinds/demonstrations-0.5.npz")) == ("0.50",)
     assert demonstrated_doors(Path("demos.npz")) == ()
 
