@@ -282,7 +282,7 @@ def test_the_command_draws_some_figures(gplfd, tmp_path, make_log, monkeypatch):
         return make_log(n_steps=121, dt=0.05, door=door)
 
     agent = SimpleNamespace(control="pose")
-    monkeypatch.setattr(module, "learned_agents", lambda *_: lambda: agent)
+    monkeypatch.setattr(module.build, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(module, "rollout", short)
     out = tmp_path / "out"
     for only in ("fig10", "fig03"):

@@ -26,7 +26,7 @@ RATE = 5
 @pytest.fixture(autouse=True)
 def few_small_images(monkeypatch):
     small = VideoFormat(size=(64, 48), rate=RATE)
-    monkeypatch.setattr(runs, "STANDARD", small)
+    monkeypatch.setattr(runs.video, "STANDARD", small)
 
 
 def images_of(file: Path) -> np.ndarray:

@@ -5,7 +5,6 @@ import pytest
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
-    counted,
     ranked,
     remarks,
     run_table,
@@ -114,7 +113,6 @@ def test_what_the_machine_lost_counts_nowhere(episodes_of, episode_result):
     (remark,) = remarks(episodes)
     assert remark.startswith("2 of 3 episodes were lost, because the machine failed,")
     assert [*ranked(episodes)] == ["gp", "kmp"]
-    assert counted({"gp": episodes[:2]}) == {"gp": [episodes[0]]}
 
 
 def test_doors_are_in_groups_of_their_kind(episodes_of, episode_result):

@@ -10,7 +10,7 @@ from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
 from gplfd_experiments.analysis.report.sections import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
-from gplfd_experiments.analysis.results.trials import Answer, of_trials, summary
+from gplfd_experiments.analysis.results.trials import MEASURES, Answer, of_trials
 from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
 FORCE = "person_force_peak"
@@ -72,7 +72,7 @@ def test_rows_are_those_of_the_table_with_its_numbers(levels):
     assert [name.split("`")[1] for name in table[1:5]] == rows_of(top)
     dots, interval, mark = drawn(top, 1)
     episodes = runs["holds the hand"]["gp"]
-    typical = summary(episodes, FORCE)
+    typical = MEASURES[FORCE].typical(episodes)
     assert sorted(dots) == sorted(episode.metrics[FORCE] for episode in episodes)
     assert interval.tolist() == [typical.low, typical.high]
     assert mark.tolist() == [typical.estimate]

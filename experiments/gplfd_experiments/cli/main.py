@@ -20,17 +20,11 @@ import docstring_parser
 import tyro
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from gplfd_experiments.cli.commands import studies
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export, Serve
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor
 from gplfd_experiments.cli.commands.run import Learn, Run, View
-from gplfd_experiments.cli.commands.studies import (
-    Benchmark,
-    Figures,
-    Report,
-    SkillTests,
-    Trials,
-)
 from gplfd_experiments.cli.commands.teach import Correct
 from gplfd_experiments.console.progress import LOG
 
@@ -43,11 +37,11 @@ COMMANDS: Final[Mapping[str, type[Any]]] = {
     "export": Export,
     "serve": Serve,
     "correct": Correct,
-    "skill": SkillTests,
-    "benchmark": Benchmark,
-    "trials": Trials,
-    "report": Report,
-    "figures": Figures,
+    "skill": studies.SkillTests,
+    "benchmark": studies.Benchmark,
+    "trials": studies.Trials,
+    "report": studies.Report,
+    "figures": studies.Figures,
     "demos": Demos,
     "doors": Doors,
     "view": View,
@@ -87,11 +81,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 from gplfd_env.conventions.opengl import choose_opengl
 
                 choose_opengl()
-            if isinstance(command, Benchmark):
+            if isinstance(command, studies.Benchmark):
                 from gplfd_experiments.studies.settings import settings_named
 
                 # The settings of a file are the defaults of the options.
-                benchmark = partial(Benchmark, study=settings_named(command.config))
+                benchmark = partial(
+                    studies.Benchmark, study=settings_named(command.config)
+                )
                 command = _parse(words, {**COMMANDS, "benchmark": benchmark})
             quiet = getattr(command, "quiet", False)
             level = logging.WARNING if quiet else logging.INFO

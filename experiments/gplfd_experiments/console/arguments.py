@@ -23,10 +23,7 @@ def check_least(
 def check_circumstances(
     randomization: str, disturbance: str = "none", start: Start = "grasped"
 ) -> None:
-    """Raise ValueError for an unknown name, or for an incompatible start.
-
-    The Python interface accepts more than names.
-    """
+    """Raise ValueError for an unknown name, or for an incompatible start."""
     for what, name, table in (
         ("randomization", randomization, RANDOMIZATIONS),
         ("disturbance", disturbance, DISTURBANCES),

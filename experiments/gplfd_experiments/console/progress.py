@@ -12,10 +12,7 @@ LOG: Final = logging.getLogger("gplfd")
 
 
 def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[Any]":
-    """Return tqdm's bar over items, or a bar that is updated manually.
-
-    It is shown if progress is enabled and stderr is a terminal.
-    """
+    """Return a bar over items, or updated manually, shown if stderr is a terminal."""
     # For tqdm, None means: only if stderr is a terminal.
     disable = None if LOG.isEnabledFor(logging.INFO) else True
     return tqdm(items, leave=False, disable=disable, **options)

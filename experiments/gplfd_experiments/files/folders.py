@@ -87,10 +87,7 @@ def folder_in_use(folder: Path) -> Iterator[Path]:
 
 
 def file_name(text: str) -> str:
-    """Return a name for a file or folder, different for every text.
-
-    Letters, digits, "_" and "-" are unchanged.
-    """
+    """Return a file's name, different for every text; letters, digits, _, - stay."""
     safe = re.sub(r"[^\w-]+", "_", text, flags=re.ASCII)[:60]
     if safe == text:
         return text

@@ -52,17 +52,14 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
-    """Write ``value`` as JSON, complete or not at all.
-
-    Raises ValueError for NaN or infinity, TypeError for other values that JSON lacks.
-    """
+    """Write ``value`` as JSON, complete or not at all; raises as `json_text` does."""
     text = json_text(value, indent=indent) + "\n"
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def json_text(value: Any, *, indent: int | None = 2) -> str:
-    """Return ``value`` as JSON; raises what `write_json` raises of a value."""
+    """Return ``value`` as JSON; ValueError for NaN, TypeError for what JSON lacks."""
     return json.dumps(value, indent=indent, allow_nan=False)
 
 

@@ -34,10 +34,7 @@ FIRST: Final = 5
 
 
 def text_table(table: Table, columns: int | None = None) -> str:
-    """Write the first columns, or all, aligned and without marks.
-
-    A cell with a line break takes two lines.
-    """
+    """Write the first columns, or all, aligned and without marks."""
     lines = [
         [part.replace("**", "").replace("`", "") for part in line[:columns]]
         for row in (table.columns, *table.rows)

@@ -1,7 +1,4 @@
-"""Demonstrations, policy, via-points and force in the door's frame.
-
-A policy is drawn as a tube: the band of ±1.96 σ along its path, a closed triangle mesh.
-"""
+"""Demonstrations, policy (a tube of ±1.96 σ), via-points and force at the door."""
 
 import functools
 from collections.abc import Iterator, Sequence

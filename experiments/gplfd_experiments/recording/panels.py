@@ -271,10 +271,7 @@ def lane(
     states: Sequence[tuple[float, str]],
     failure: str = "",
 ) -> list[Chunk]:
-    """Return a lane of states that begin at times [s], in their colours.
-
-    The label of the state ``failure`` contains the failure.
-    """
+    """Return a lane of states that begin at times [s]; one is labelled `failure`."""
     labels = [f"failure: {failure}" if name == "failure" else name for name in looks]
     tints = np.array([*looks.values()], dtype=np.uint8)
     style = rr.StateConfiguration(values=[*looks], labels=labels, colors=tints)
@@ -329,10 +326,7 @@ def stiffness_lane(log: EpisodeLog) -> list[Chunk]:
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:
-    """Mean over the last 0.25 s up to every row of (T, ...).
-
-    Rows that are not finite are ignored, and have no mean.
-    """
+    """Mean of finite values in the last 0.25 s up to every row of (T, ...), or NaN."""
     window = max(1, round(_AVERAGED / dt))
     finite = np.isfinite(values)
     start = np.zeros((window, *values.shape[1:]))

@@ -117,10 +117,7 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
-    """Return rows in which the state of the bolt changes, and the state.
-
-    It is held back if it is retracted so far that the door can open.
-    """
+    """Return the rows in which the bolt is thrown or held back, and its state."""
     bolt = model.joint("bolt")
     back = log.motion.qpos[:, bolt.qposadr[0]] >= bolt.range[1] - GAP
     rows = np.flatnonzero(np.diff(back, prepend=~back[:1])).tolist()

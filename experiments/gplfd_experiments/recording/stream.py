@@ -58,10 +58,7 @@ def page(text: str) -> Chunk:
 def write_recording(
     path: str | Path, name: str, views: rrb.Container, chunks: Iterable[Chunk]
 ) -> None:
-    """Write an .rrd that opens with the given views, complete or not at all.
-
-    Raises OSError if it cannot be written.
-    """
+    """Write an .rrd that opens with views, complete or not at all (`OSError`)."""
     # Rerun keeps threads of finished recordings until this function is called.
     bindings.flush_and_cleanup_orphaned_recordings()
     # Data is sent in whole chunks, so batching is not needed.

@@ -87,10 +87,7 @@ def check_video() -> None:
 
 
 def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
-    """Write an episode in real time, complete or not at all (`OSError`).
-
-    Returns the number of images.
-    """
+    """Write an episode, complete or not at all (`OSError`); return how many images."""
     import imageio_ffmpeg
 
     rows, pause = form.rows(log), round(form.last * form.rate)

@@ -62,10 +62,7 @@ class Taught:
 
 
 class TaughtSet:
-    """The demonstrations in a folder, to which more are added.
-
-    Raises ValueError if the folder holds something else or a damaged file.
-    """
+    """The demonstrations in a folder; ValueError if it holds something else."""
 
     def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
         check_folder(folder)
@@ -233,10 +230,7 @@ class View:
 
 
 class Lead:
-    """The target of one demonstration, moved by the samples of a device.
-
-    `servo` is the stiffness of the arm [N/m] that renders the spring.
-    """
+    """Target of the hand, moved by a device; `servo`: stiffness of the arm [N/m]."""
 
     def __init__(
         self, view: View, *, force: float = _FORCE, servo: float = SPRING[0]

@@ -10,11 +10,7 @@ from gplfd_experiments.analysis.figures.drawing import FIGURES, draw_figure
 from gplfd_experiments.analysis.figures.style import POLICY, Material
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.episodes.build import (
-    demonstrations_of,
-    learned_agents,
-    make_environment,
-)
+from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
@@ -25,11 +21,7 @@ from gplfd_policies.registry.catalogue import policy_named
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
 ) -> int:
-    """Make the runs of some or all figures, draw them, return their number.
-
-    The seed is that of teacher, policy, environment and synthetic sets; the options of
-    the command are stored as metadata.
-    """
+    """Make the runs of some or all figures, draw them, and return their number."""
     if unknown := sorted(set(only) - set(FIGURES)):
         raise ValueError(
             f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
@@ -54,12 +46,12 @@ def material(doors: Iterable[str], seed: int) -> Material:
         for door in (named_doors(names) if names else {}).items()
     ]
     plain = episode_task("medium", DoorConfig(), policy=POLICY, seed=seed)
-    demonstrations, logs = demonstrations_of(plain), {}
+    demonstrations, logs = build.demonstrations_of(plain), {}
     if tasks:
-        learned = learned_agents(tasks[0], policy_named(POLICY), demonstrations)
+        learned = build.learned_agents(tasks[0], policy_named(POLICY), demonstrations)
     for task in progress_bar(tasks, desc="episodes", unit="door"):
         agent = learned()
-        with contextlib.closing(make_environment(task, agent.control)) as env:
+        with contextlib.closing(build.make_environment(task, agent.control)) as env:
             logs[task.door] = rollout(
                 env, agent, policy=POLICY, door=task.door, seed=task.reset_seed
             )

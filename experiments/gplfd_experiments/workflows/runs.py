@@ -18,32 +18,17 @@ import numpy as np
 from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.urdf import chosen
-from gplfd_experiments.console.arguments import (
-    check_circumstances,
-    check_folder,
-    check_least,
-)
+from gplfd_experiments.console import arguments
 from gplfd_experiments.console.progress import LOG, progress_bar
-from gplfd_experiments.episodes.build import (
-    PolicyError,
-    demonstrations_of,
-    learned_agents,
-    make_environment,
-    reported_errors,
-)
+from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics, why_closed
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
+from gplfd_experiments.recording import video
 from gplfd_experiments.recording.episode import record_episode
-from gplfd_experiments.recording.video import (
-    STANDARD,
-    check_video,
-    video_paths,
-    write_video,
-)
 from gplfd_experiments.studies.sources import source_of
 from gplfd_experiments.studies.store import POLICY_ERROR
 from gplfd_experiments.workflows.settings import (
@@ -52,15 +37,8 @@ from gplfd_experiments.workflows.settings import (
     RunSettings,
 )
 from gplfd_policies.agents.agent import Agent
+from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.npz import (
-    FILE,
-    FRAME,
-    LabelledDemonstrations,
-    demonstrations_file,
-    load_demonstrations,
-    save_demonstrations,
-)
 from gplfd_policies.registry.catalogue import method_and_skill, policy_named
 from gplfd_policies.registry.method import Policy
 
@@ -89,19 +67,19 @@ def open_doors(
     _check_source(settings, tasks)
     videos: dict[str, Path] = {}
     if settings.video is not None:
-        videos = video_paths(settings.video, [task.door for task in tasks])
+        videos = video.video_paths(settings.video, [task.door for task in tasks])
         videos = {door: path.absolute() for door, path in videos.items()}
-        check_video()
+        video.check_video()
     body = robot_named(settings.robot)
     if body.search is not None:
         LOG.info(chosen(body))
     if moved := [task.door for task in tasks if task.base == "mobile"]:
         LOG.info("on the mobile base, out of reach without: %s", ", ".join(moved))
-    check_folder(folder)
+    arguments.check_folder(folder)
     kinds: dict[str, list[EpisodeTask]] = {}
     for task in tasks:
         kinds.setdefault(task.demonstrations_key, []).append(task)
-    files = dict.fromkeys(kinds, FILE)
+    files = dict.fromkeys(kinds, npz.FILE)
     if len(kinds) > 1:
         files = {key: f"demonstrations-{kinds[key][0].door}.npz" for key in kinds}
     names = [CONFIGURATION, METRICS, *files.values()]
@@ -117,9 +95,9 @@ def open_doors(
             "give another --out"
         )
     started = time.perf_counter()
-    labelled: dict[str, LabelledDemonstrations] = {}
+    labelled: dict[str, npz.LabelledDemonstrations] = {}
     agents: dict[str, Agent] = {}
-    with reported_errors(settings.policy, policy):
+    with build.reported_errors(settings.policy, policy):
         for key, alike in kinds.items():
             labelled[key], make = _learn(settings, alike, policy)
             agents |= {task.door: make() for task in alike}
@@ -143,10 +121,10 @@ def open_doors(
             log.save(folder / f"{task.door}.npz")
             demonstrations = labelled[task.demonstrations_key].demonstrations
             record_episode(folder / f"{task.door}.rrd", log, model, demonstrations)
-            if video := videos.get(task.door):
-                images = write_video(video, log, model, STANDARD)
-                seconds = images / STANDARD.rate
-                LOG.info("wrote %s (%d pictures, %.1f s)", video, images, seconds)
+            if file := videos.get(task.door):
+                images = video.write_video(file, log, model, video.STANDARD)
+                seconds = images / video.STANDARD.rate
+                LOG.info("wrote %s (%d pictures, %.1f s)", file, images, seconds)
             if joint := _at_limit(log, model, body.arm):
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
@@ -169,17 +147,16 @@ def _at_limit(log: EpisodeLog, model: mujoco.MjModel, arm: Sequence[str]) -> str
 def episode_tasks(
     settings: EpisodeSettings, seeds: Sequence[int], **fields: Any
 ) -> list[EpisodeTask]:
-    """Return a task per door and seed, after checks of the settings.
-
-    The fields are further ones of tasks.
-    """
-    check_least("--seed", settings.seed, 0)
+    """Check settings; return a task per door and seed, with further fields of it."""
+    arguments.check_least("--seed", settings.seed, 0)
     disturbance = fields.get("disturbance", "none")
-    check_circumstances(settings.randomization, disturbance, settings.start)
+    arguments.check_circumstances(settings.randomization, disturbance, settings.start)
     names = ["policy", "demonstrations_per_door", "demonstrated_forces"]
     names += ["randomization", "start", "robot"]
     fields = {name: getattr(settings, name) for name in names} | fields
-    check_least("--demonstrations-per-door", fields["demonstrations_per_door"], 1, 1000)
+    arguments.check_least(
+        "--demonstrations-per-door", fields["demonstrations_per_door"], 1, 1000
+    )
     doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
     return [
         episode_task(door, config, seed=seed, **fields)
@@ -218,7 +195,7 @@ def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
 
 def check_frame(frame: str, source: Path) -> None:
     """Raise a ValueError if the frame of a set or a skill is not that of a door."""
-    if frame not in ("door", FRAME):
+    if frame not in ("door", npz.FRAME):
         raise ValueError(
             f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
             "import the recordings with gplfd demos import FILES --frame hinge"
@@ -227,7 +204,7 @@ def check_frame(frame: str, source: Path) -> None:
 
 def _learn(
     settings: RunSettings, alike: Sequence[EpisodeTask], policy: Policy
-) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
+) -> tuple[npz.LabelledDemonstrations, Callable[[], Agent]]:
     """Learn for doors of one kind; return demonstrations and a factory of agents."""
     if settings.skill is not None:
         method, skill = method_and_skill(settings.policy, settings.skill)
@@ -236,20 +213,20 @@ def _learn(
         times = aligned.duration * aligned.times
         # The skill contains the forces, if any.
         motions = [Demonstration(times=times, poses=pose) for pose in aligned.poses]
-        labelled = LabelledDemonstrations(
+        labelled = npz.LabelledDemonstrations(
             demonstrations=tuple(motions), radii=(None,) * len(motions)
         )
         return labelled, partial(method.follow, skill)
     if settings.demonstrations is not None:
-        labelled = load_demonstrations(settings.demonstrations)
+        labelled = npz.load_demonstrations(settings.demonstrations)
         check_frame(labelled.frame, settings.demonstrations)
     else:
-        labelled = demonstrations_of(alike[0])
+        labelled = build.demonstrations_of(alike[0])
     if policy.kind != "reference":
         doors = ", ".join(task.door for task in alike)
         number = len(labelled.demonstrations)
         LOG.info(f"learning from {number} demonstrations for {doors}")
-    return labelled, learned_agents(alike[0], policy, labelled)
+    return labelled, build.learned_agents(alike[0], policy, labelled)
 
 
 def _episode(
@@ -259,9 +236,9 @@ def _episode(
     LOG.debug("%s: opening it with %s", task.door, task.policy)
     try:
         with (
-            contextlib.closing(make_environment(task, agent.control)) as env,
+            contextlib.closing(build.make_environment(task, agent.control)) as env,
             progress_bar(desc=task.door, unit=" s simulated") as bar,
-            reported_errors(task.policy, policy, acting=True),
+            build.reported_errors(task.policy, policy, acting=True),
         ):
 
             def show(seconds: float, door_angle: float) -> None:
@@ -278,7 +255,7 @@ def _episode(
                 on_step=show,
             )
             return log, env.unwrapped.model  # type: ignore[attr-defined]
-    except PolicyError as error:
+    except build.PolicyError as error:
         LOG.error("%s: %s", task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
         return {
             "policy": task.policy,
@@ -295,13 +272,13 @@ def _write_origin(
     settings: RunSettings,
     folder: Path,
     tasks: Sequence[EpisodeTask],
-    kept: Mapping[str, LabelledDemonstrations],
+    kept: Mapping[str, npz.LabelledDemonstrations],
     sources: Mapping[str, str],
     options: Mapping[str, Any],
 ) -> None:
     """Write the demonstrations, and the settings and versions of the run."""
     for name, labelled in kept.items():
-        save_demonstrations(
+        npz.save_demonstrations(
             folder / name,
             labelled.demonstrations,
             labelled.radii,
@@ -310,7 +287,7 @@ def _write_origin(
         )
     source, skill = settings.demonstrations, settings.skill
     if source is not None:
-        source = demonstrations_file(source)
+        source = npz.demonstrations_file(source)
     record = {
         **options,
         "policy_source": tasks[0].policy_source,
@@ -330,12 +307,12 @@ def record_dataset(
     """Open every door several times and write the data set; the options are stored."""
     from gplfd_experiments.data.minari import write_dataset
 
-    check_least("--episodes", settings.episodes, 1, 100_000)
-    check_least("--max-steps", settings.max_steps, 1)
+    arguments.check_least("--episodes", settings.episodes, 1, 100_000)
+    arguments.check_least("--max-steps", settings.max_steps, 1)
     name, policy = settings.policy, policy_named(settings.policy)
     seeds = range(settings.seed, settings.seed + settings.episodes)
     tasks = episode_tasks(settings, seeds)
-    check_folder(folder.parent)
+    arguments.check_folder(folder.parent)
     folder = folder.absolute()  # A policy may change the working folder.
     first = tasks[0]
     if other := next((task for task in tasks if task.base != first.base), None):
@@ -348,9 +325,9 @@ def record_dataset(
     limit = {} if steps is None else {"max_episode_steps": steps}
     # The first agent determines the environment of all episodes, whose resets change
     # the door.
-    with reported_errors(name, policy):
-        control = learned_agents(first, policy)().control
-    with contextlib.closing(make_environment(first, control, **limit)) as env:
+    with build.reported_errors(name, policy):
+        control = build.learned_agents(first, policy)().control
+    with contextlib.closing(build.make_environment(first, control, **limit)) as env:
         write_dataset(
             folder,
             _recorded(env, tasks, policy),
@@ -370,8 +347,8 @@ def _recorded(
 
     recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
-        with reported_errors(task.policy, policy):
-            agent = learned_agents(task, policy)()
+        with build.reported_errors(task.policy, policy):
+            agent = build.learned_agents(task, policy)()
             # HDF5 keeps no empty mapping, which the default door would be.
             radius = door_config(dict(task.door_config)).radius
             door = {"radius": radius, **task.door_config}

@@ -22,20 +22,11 @@ from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.tasks import recorded_tasks
-from gplfd_experiments.teaching.lesson import (
-    CorrectedSkill,
-    CorrectionLesson,
-    read_taught,
-)
+from gplfd_experiments.teaching import lesson
 from gplfd_experiments.teaching.page import Session, serve
 from gplfd_experiments.workflows.runs import CONFIGURATION, check_frame
+from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import Correction
-from gplfd_policies.demonstrations.npz import (
-    FIRST_POSE,
-    FRAME,
-    demonstrations_file,
-    load_demonstrations,
-)
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.catalogue import method_and_skill, skill_method
@@ -47,14 +38,16 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
 
     Empty for demonstrations that are not in the folder of such a command.
     """
-    file = demonstrations_file(demonstrations)
+    file = npz.demonstrations_file(demonstrations)
     try:
         config = read_json(file.with_name(CONFIGURATION))["config"]
         files = config["demonstrations_of"].values()
         doors = zip(config["doors"], files, strict=True)
         return tuple(door for door, kept in doors if kept == file.name)
     except (OSError, ValueError, KeyError):
-        return tuple(dict.fromkeys(taught.name for taught in read_taught(file.parent)))
+        return tuple(
+            dict.fromkeys(taught.name for taught in lesson.read_taught(file.parent))
+        )
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
@@ -62,9 +55,9 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     check_least("--seed", seed, 0)
     method = skill_method(policy)
     check_folder(file.parent)
-    if file.resolve() == demonstrations_file(demonstrations).resolve():
+    if file.resolve() == npz.demonstrations_file(demonstrations).resolve():
         raise ValueError(f"--out {file} holds the demonstrations; give another file")
-    labelled = load_demonstrations(demonstrations)
+    labelled = npz.load_demonstrations(demonstrations)
     motions = labelled.demonstrations
     LOG.info("learning from %d demonstrations", len(motions))
     target = file.absolute()  # A policy may change the working folder.
@@ -79,7 +72,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     movement = modes[0].movement
     if not isinstance(movement, Skill):
         raise TypeError(f"fit_skill made a {type(movement).__name__}")
-    frames = {FRAME: "door", FIRST_POSE: "first pose"}
+    frames = {npz.FRAME: "door", npz.FIRST_POSE: "first pose"}
     movement = replace(movement, frame=frames.get(labelled.frame, "given"))
     movement.save(target)
     LOG.info("learned (%.1f s)", time.perf_counter() - started)
@@ -100,7 +93,7 @@ def judge(
 
     It prints the first columns of a table, or all, and returns the number of errors.
     """
-    motions = load_demonstrations(recordings).demonstrations
+    motions = npz.load_demonstrations(recordings).demonstrations
     if len(motions) < FEWEST:
         raise ValueError(
             f"{recordings} holds {len(motions)} demonstration(s); leaving one out and "
@@ -155,7 +148,7 @@ def correct_skill(
         )
     method, skill = method_and_skill(policy, file)
     check_frame(skill.frame, file)
-    store = CorrectedSkill(method, skill, out)
+    store = lesson.CorrectedSkill(method, skill, out)
     tasks = [
         episode_task(*door, policy=policy, seed=seed)
         for door in named_doors(doors).items()
@@ -163,14 +156,14 @@ def correct_skill(
     if page is None:
         return store.skill, [_corrected(task, store) for task in tasks]
     lessons = [
-        partial(CorrectionLesson, task, store, page["device"], drawn=True)
+        partial(lesson.CorrectionLesson, task, store, page["device"], drawn=True)
         for task in tasks
     ]
     serve(Session(lessons, store), "correct", **page)
     return store.skill, [_row(correction, "kept") for correction in store.kept]
 
 
-def _corrected(task: EpisodeTask, store: CorrectedSkill) -> Row:
+def _corrected(task: EpisodeTask, store: lesson.CorrectedSkill) -> Row:
     """Let the synthetic corrector watch an episode; return what happened."""
     LOG.info("%s: watching", task.door)
     agent, opened = store.method.follow(store.skill), partial(open_watched, task)

@@ -7,12 +7,7 @@ from typing import Final, NamedTuple
 
 from matplotlib.figure import Figure
 
-from gplfd_experiments.analysis.figures import learned, openings, synthetic
-from gplfd_experiments.analysis.figures.style import (
-    Material,
-    paper_style,
-    write_figure,
-)
+from gplfd_experiments.analysis.figures import learned, openings, style, synthetic
 from gplfd_policies.arrays.storage import complete_or_absent
 
 
@@ -20,7 +15,7 @@ class PaperFigure(NamedTuple):
     """A figure of the paper; drawing simulates nothing."""
 
     title: str
-    draw: Callable[[Material], tuple[Figure, str]]
+    draw: Callable[[style.Material], tuple[Figure, str]]
     """Returns the figure, and a paragraph about it, the paper's version and numbers."""
     doors: tuple[str, ...] = ()
     """Doors whose episodes it shows."""
@@ -40,11 +35,11 @@ FIGURES: Final[Mapping[str, PaperFigure]] = {
 CAPTIONS: Final = "captions.md"
 
 
-def draw_figure(name: str, material: Material, folder: Path) -> None:
+def draw_figure(name: str, material: style.Material, folder: Path) -> None:
     """Draw one of `FIGURES`; write NAME.png, NAME.svg and its section of captions."""
-    with paper_style():
+    with style.paper_style():
         figure, caption = FIGURES[name].draw(material)
-        write_figure(figure, folder, name)
+        style.write_figure(figure, folder, name)
     head = f"## {name}: {FIGURES[name].title} (seed {material.seed})"
     update_captions(folder, name, f"{head}\n\n{caption}\n")
 

@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.style import POLICY, Material
+from gplfd_experiments.episodes import metrics
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import (
-    opening_motion,
-    prediction_errors,
-    share_of_bound,
-)
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent, CompliantAgent
 from gplfd_policies.control.stability import uncertainty_fall_bound
@@ -96,14 +92,11 @@ class Opening:
         """E[ε²] of the adaptive and of the fixed policy in the motion, (T', 6)."""
         bias = self.fixed.mean - self.log.opening.handle_pose
         fixed = bias**2 + self.fixed.std**2
-        return prediction_errors(self.log)[self.motion], fixed[self.motion]
+        return metrics.prediction_errors(self.log)[self.motion], fixed[self.motion]
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Replay the opening to its policy and store the forecast at some phases.
-
-    The log lacks the width of the 95 % interval; the policy provides it.
-    """
+    """Replay the opening to its policy for forecasts and the width of intervals."""
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
     decided = decisions(log, agent)
@@ -118,7 +111,7 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
     mean, std = log.forecasts.first(log.decisions.observed_phase)
     return Opening(
         log=log,
-        motion=opening_motion(log),
+        motion=metrics.opening_motion(log),
         stages=tuple(stages),
         initial=initial,
         adaptive=Prediction(
@@ -244,7 +237,7 @@ def draw_door(
     fixed_fall = -np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
     wished = profile.stiffness(log.decisions.std, log.decisions.frame)
     governed = wished - log.decisions.stiffness > _INTERVENTION
-    falls, used = -log.decisions.std_rate, share_of_bound(log)
+    falls, used = -log.decisions.std_rate, metrics.share_of_bound(log)
     tight, printed = bounds(profile)
     for output, (_, colour) in AXES.items():
         dashed: dict[str, Any] = {"color": colour, "linestyle": "--", "linewidth": 0.8}

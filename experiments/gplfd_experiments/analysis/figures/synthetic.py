@@ -25,10 +25,7 @@ from gplfd_policies import AlignedDemonstrations, Demonstration, align
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.demonstrations.alignment import (
-    AlignmentMethod,
-    task_completion_index,
-)
+from gplfd_policies.demonstrations import alignment
 from gplfd_policies.gp.heteroscedastic import NoiseModel, NoiseProfile
 from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import fit_skill
@@ -188,7 +185,7 @@ LEVELS: Final = (0.12, 0.45)
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
 _PER_LEVEL, _RATE = 3, 60.0
 """Motions per shelf, and their sampling rate [Hz]."""
-_METHODS: Final[Mapping[str, AlignmentMethod]] = {
+_METHODS: Final[Mapping[str, alignment.AlignmentMethod]] = {
     "euclidean": "dtw-euclidean",
     "completion": "interpolation",
     "dtw": "dtw",
@@ -225,11 +222,7 @@ def shelf_motions(rng: np.random.Generator) -> list[ShelfMotion]:
 def phase_errors(
     motions: list[ShelfMotion], aligned: Mapping[str, AlignedDemonstrations]
 ) -> dict[str, float]:
-    """Return errors of phase by alignment; "clock" is without alignment.
-
-    The difference of true progress between aligned samples, rms over phases and
-    motions.
-    """
+    """Return the rms difference of true progress by alignment; "clock" is without."""
     phases = np.linspace(0.0, 1.0, 200)
     # Motions scaled to the same duration, not aligned.
     progress: dict[str, list[FloatArray]] = {"clock": []}
@@ -268,7 +261,7 @@ def fig03(material: Material) -> tuple[Figure, str]:
         colour, demonstration = _COLOURS[motion.level], motion.demonstration
         times = demonstration.times
         recorded.plot(times, demonstration.poses[:, HEIGHT], color=colour)
-        index.plot(times, task_completion_index(demonstration), color=colour)
+        index.plot(times, alignment.task_completion_index(demonstration), color=colour)
     for panel, name in ((euclidean, "euclidean"), (completed, "completion")):
         for motion, poses in zip(motions, aligned[name].poses, strict=True):
             colour = _COLOURS[motion.level]

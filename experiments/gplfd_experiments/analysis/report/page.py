@@ -2,31 +2,14 @@
 
 import shlex
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.analysis.report import sections
-from gplfd_experiments.analysis.report.document import (
-    FIGURES,
-    Block,
-    Document,
-    Plot,
-    Section,
-    Text,
-    code,
-    html_page,
-    literal,
-    markdown_page,
-    told,
-)
-from gplfd_experiments.analysis.results.measures import (
-    by_condition,
-    by_policy,
-    grouped,
-    ranked,
-    remarks,
-)
+from gplfd_experiments.analysis.report import document, sections
+from gplfd_experiments.analysis.report.document import Block, Plot, Section, Text, code
+from gplfd_experiments.analysis.results import measures
 from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -50,14 +33,15 @@ def write_report(
     Returns the path of the HTML page.
     """
     folder = study if out is None else out
-    document = report(results, reference)
+    content, plots = report(results, reference), folder / document.FIGURES
     images: dict[str, bytes] = {}
-    for plot in (block for section in document.sections for block in section.blocks):
+    for plot in (block for section in content.sections for block in section.blocks):
         if isinstance(plot, Plot):
             with paper_style():
-                write_figure(plot.draw(), folder / FIGURES, plot.name)
-            images[plot.name] = (folder / FIGURES / f"{plot.name}.svg").read_bytes()
-    pages = {MARKDOWN: markdown_page(document), HTML: html_page(document, images)}
+                write_figure(plot.draw(), plots, plot.name)
+            images[plot.name] = (plots / f"{plot.name}.svg").read_bytes()
+    html = document.html_page(content, images)
+    pages = {MARKDOWN: document.markdown_page(content), HTML: html}
     for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -67,22 +51,24 @@ def write_report(
     return folder / HTML
 
 
-def report(results: StudyResults, reference: str) -> Document:
+def report(results: StudyResults, reference: str) -> document.Document:
     """Return the report of a study."""
-    if told(reference):
+    if document.told(reference):
         raise ValueError(
             f"--reference {reference} knows the door, as no robot does, so others "
             "cannot be judged by it; give another policy of the study"
         )
     episodes = [episode for episode in results.episodes if not episode.task.trial]
-    conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
+    groups = measures.by_condition(episodes).items()
+    conditions = {str(which): measures.ranked(group) for which, group in groups}
     lead = [*_warnings(results), *sections.tier_tables(results)]
     if conditions:
         lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
     if reference not in policies:
         ranking = [*next(iter(conditions.values()), {}), *policies]
-        best = next((policy for policy in ranking if not told(policy)), reference)
+        untold = (policy for policy in ranking if not document.told(policy))
+        best = next(untold, reference)
         text = f"{code(reference)} is not in this study"
         place = f"; {code(best)} takes its place." if best != reference else "."
         lead.append(Text(text + place))
@@ -96,11 +82,10 @@ def report(results: StudyResults, reference: str) -> Document:
     )
     done = " and ".join(f"{len(some)} {what}" for some, what in parts if some)
     created, command = results.study.get("created"), results.study.get("command")
-    started = f", started {literal(created)}" if isinstance(created, str) else ""
-    text = (
-        f"{done} of {len(policies)} policies{started}. Every number on this page is "
-        "computed from the result files of"
-    )
+    text = f"{done} of {len(policies)} policies"
+    if isinstance(created, str):
+        text += f", started {document.literal(created)}"
+    text += ". Every number on this page is computed from the result files of"
     made = "(study.json with the command is missing)"
     if isinstance(command, list) and command:
         made = shlex.join(map(str, command))
@@ -122,7 +107,7 @@ def report(results: StudyResults, reference: str) -> Document:
     questions.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
-    return Document(title, lead, questions)
+    return document.Document(title, lead, questions)
 
 
 def unfinished(results: StudyResults) -> str:
@@ -136,7 +121,7 @@ def unfinished(results: StudyResults) -> str:
 
 def _warnings(results: StudyResults) -> list[Block]:
     """Return a paragraph with important warnings, if there are any."""
-    warnings = [literal(text) for text in remarks(results.episodes)]
+    warnings = [document.literal(text) for text in measures.remarks(results.episodes)]
     if failed := sum(bool(result.error) for result in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
@@ -156,7 +141,7 @@ def _warnings(results: StudyResults) -> list[Block]:
     every = {result.pair for result in results.episodes}
     gaps = [
         f"{code(policy)} {number}"
-        for policy, episodes in by_policy(results.episodes).items()
+        for policy, episodes in measures.by_policy(results.episodes).items()
         if (number := len(every - {result.pair for result in episodes}))
     ]
     if gaps:
@@ -184,23 +169,22 @@ def _origin(results: StudyResults) -> list[Block]:
             "only up to a tolerance, see `docs/reproducibility.md`."
         )
         blocks.append(Text(text))
-    platform, config = (results.study.get(name) for name in ("platform", "config"))
-    for title, entries in (
-        ("Machine", platform.items() if isinstance(platform, dict) else ()),
-        (
-            "Settings of the last command",
-            config.items() if isinstance(config, dict) else (),
-        ),
-        (
-            "Policies that are not this project's",
-            [(policy, source) for policy, source in _sources(results) if source],
-        ),
+    foreign = [(policy, source) for policy, source in _sources(results) if source]
+
+    def entries(name: str) -> Iterable[tuple[str, object]]:
+        values = results.study.get(name)
+        return values.items() if isinstance(values, dict) else ()
+
+    for title, named in (
+        ("Machine", entries("platform")),
+        ("Settings of the last command", entries("config")),
+        ("Policies that are not this project's", foreign),
     ):
-        if rows := tuple((code(name), code(value)) for name, value in entries):
+        if rows := tuple((code(name), code(value)) for name, value in named):
             columns = ("name", "value")
             blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
     failed = [result for result in results.all if result.error]
-    reasons = grouped(failed, lambda result: result.error).items()
+    reasons = measures.grouped(failed, lambda result: result.error).items()
     errors = []
     for reason, group in sorted(reasons, key=lambda item: (-len(item[1]), item[0])):
         doors_of = (getattr(result.task, "door", "learning test") for result in group)

@@ -21,8 +21,8 @@ from gplfd_experiments.analysis.results.measures import (
     grouped,
 )
 from gplfd_experiments.analysis.results.reading import NON_STANDARD, EpisodeResult
-from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
-from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict, summary
+from gplfd_experiments.analysis.results.statistics import Estimate, Shift, success_rate
+from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
 Look = Mapping[str, Any]
@@ -200,7 +200,7 @@ def deciding_numbers(
         if len(levels) > 1:
             axes.set_title(level, loc="left", parse_math=False)
         for row, (policy, episodes) in enumerate(runs.items()):
-            estimate = summary(episodes, measure)
+            estimate = MEASURES[measure].typical(episodes)
             if estimate is None:
                 look: Look = {"transform": axes.get_yaxis_transform(), **_TEXT}
                 axes.text(0.01, row, "no number", fontsize=6.0, **look)
@@ -253,7 +253,7 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
     return figure
 
 
-def _point(axes: Axes, row: int, estimate: Rate | Shift, look: Look) -> None:
+def _point(axes: Axes, row: int, estimate: Estimate, look: Look) -> None:
     """Draw an estimate on its interval."""
     if math.isfinite(estimate.low):
         ends = [estimate.low, estimate.high]

@@ -1,8 +1,6 @@
-"""The sections of a report: a function per question, which it answers by a table.
+"""The sections of a report: a function per question, which a table answers.
 
-Opened doors, trials, and prediction errors of methods on left-out demonstrations, which
-add a measured number to every mark of Table 1 of the paper. Its measures and limits are
-in `gplfd_experiments.studies.learning_tests.criteria`.
+Opened doors, trials, and predictions, also for every mark of Table 1 of the paper.
 """
 
 import math
@@ -12,46 +10,23 @@ from functools import partial
 from operator import attrgetter
 from typing import Any, Final
 
-from gplfd_experiments.analysis.report import plots
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Cells,
-    Plot,
-    Section,
-    Text,
-    code,
-    kind_of,
-    literal,
-    policy_table,
-)
-from gplfd_experiments.analysis.results import measures, statistics, trials
+from gplfd_experiments.analysis.report import document, plots
+from gplfd_experiments.analysis.report.document import Block, Plot, Section, Text, code
+from gplfd_experiments.analysis.results import measures, reading, statistics, trials
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, Runs
-from gplfd_experiments.analysis.results.reading import (
-    SPLITS,
-    EpisodeResult,
-    StudyResults,
-    TaskResult,
-)
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, ByLevel
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA, mark
-from gplfd_experiments.studies.trials.protocol import (
-    SEEDS,
-    TIERS,
-    TRIALS,
-    VERSION,
-    Side,
-    Trial,
-)
+from gplfd_experiments.studies.trials import protocol
 from gplfd_policies.registry.built_in import TABLE_1
 
-Results = Sequence[TaskResult]
-Episodes = Sequence[EpisodeResult]
+Results = Sequence[reading.TaskResult]
+Episodes = Sequence[reading.EpisodeResult]
 
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
 
 
-def _counting(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
+def _counting(conditions: Mapping[str, Runs]) -> list[reading.EpisodeResult]:
     """Return all episodes that count, of all conditions."""
     groups = (group for runs in conditions.values() for group in runs.values())
     return [episode for group in groups for episode in group if episode.counts]
@@ -70,9 +45,11 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
                 closed = not any(episode.opened() for episode in group)
                 title = parts + ["opened no door (not ranked)"] * closed
                 groups.setdefault(": ".join(title), {})[policy] = group
-    splits = [s for s in SPLITS if any(episode.split == s for episode in counting)]
+    splits = [
+        s for s in reading.SPLITS if any(episode.split == s for episode in counting)
+    ]
 
-    def row(episodes: Episodes) -> Cells:
+    def row(episodes: Episodes) -> document.Cells:
         rates, forces = [], []
         for split in splits:
             rate = force = "not run"
@@ -84,7 +61,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             rates.append((f"opened,\n{split}", rate))
             forces.append((f"radial force [N],\n{split}", force))
         seeds = {episode.task.seed for episode in episodes}
-        reasons = literal(measures.closed_because(episodes))
+        reasons = document.literal(measures.closed_because(episodes))
         return [
             ("seeds", str(len(seeds))),
             *(*rates, *forces),
@@ -100,13 +77,13 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         f"{statistics.FEWEST_PAIRS} seeds on. Policies are in order of the doors "
         "opened to 60°, then of the radial force."
     )
-    return policy_table(groups, row, note=note)
+    return document.policy_table(groups, row, note=note)
 
 
 def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     """All measures of all conditions, with lost episodes; plots of the first one."""
-    title, all_runs = next(iter(conditions.items()))
-    runs = measures.counted(all_runs)
+    title, first = next(iter(conditions.items()))
+    runs = {policy: [e for e in group if e.counts] for policy, group in first.items()}
     several = len(conditions) > 1
     blocks: list[Block] = [
         Text(f"{'Plots: ' * several}{title}."),
@@ -163,7 +140,7 @@ def measures_table(conditions: Mapping[str, Runs]) -> Table:
     failures = sorted({e.failure for e in counting if not e.solved})
     angle = EPISODE_MEASURES["final_angle_deg"]
 
-    def row(episodes: Episodes) -> Cells:
+    def row(episodes: Episodes) -> document.Cells:
         outcomes = {"solved": [episode.solved for episode in episodes]}
         for degrees in (60, 30, 15):
             outcomes[f"to {degrees}°"] = [e.opened(degrees) for e in episodes]
@@ -189,7 +166,7 @@ def measures_table(conditions: Mapping[str, Runs]) -> Table:
         cells.append((f"above {measures.ADA_FORCE} N", share))
         for name in failures:
             number = sum(e.failure == name for e in episodes if not e.solved)
-            cells.append((literal(name), str(number)))
+            cells.append((document.literal(name), str(number)))
         ends = angle.median(episodes), max(angle.values(episodes), default=None)
         texts = [angle.text(end, unit=True) for end in ends]
         return [*cells, ("median angle\nlargest", "\n".join(texts))]
@@ -202,7 +179,7 @@ def measures_table(conditions: Mapping[str, Runs]) -> Table:
         "404.2.9 for opening an interior door. The last columns count the episodes "
         f"that ended so. {meanings[0].upper()}{meanings[1:]}."
     )
-    return policy_table(conditions, row, title="All measures", note=note)
+    return document.policy_table(conditions, row, title="All measures", note=note)
 
 
 def paired_tests(title: str, runs: Runs, reference: str) -> Block:
@@ -264,7 +241,7 @@ _VERDICTS: Final = {
 """Results of a contrast."""
 
 
-def trial_sections(results: StudyResults, reference: str) -> list[Section]:
+def trial_sections(results: reading.StudyResults, reference: str) -> list[Section]:
     """Return the sections of trials: all ideas, then each trial."""
     ran = trials.of_trials(results)
     if not ran:
@@ -272,27 +249,27 @@ def trial_sections(results: StudyResults, reference: str) -> list[Section]:
     answers: dict[str, list[Answer]] = {}
     for name, levels in ran.items():
         sides = {
-            Side(policy=policy, level=at)
+            protocol.Side(policy=policy, level=at)
             for level, runs in levels.items()
             for policy in runs
             for at in ("", level)
         }
         answers[name] = [
             trials.answered(contrast, levels)
-            for contrast in TRIALS[name].contrasts
+            for contrast in protocol.TRIALS[name].contrasts
             if {contrast.having, contrast.lacking} <= sides
         ]
     # The part of the protocol that these results cover.
-    text = f"Protocol v{VERSION}, {len(ran)} of {len(TRIALS)} trials."
-    asked = sum(len(TRIALS[name].contrasts) for name in ran)
+    text = f"Protocol v{protocol.VERSION}, {len(ran)} of {len(protocol.TRIALS)} trials."
+    asked = sum(len(protocol.TRIALS[name].contrasts) for name in ran)
     if left_out := asked - sum(map(len, answers.values())):
         text += f" {left_out} of its contrasts were not run and are not listed."
     blocks: list[Block] = [Text(text)]
     seeds = len({e.task.seed for e in results.episodes if e.task.trial in ran})
-    if seeds < SEEDS:
+    if seeds < protocol.SEEDS:
         text = (
-            f"A first look: {seeds} of the {SEEDS} seeds that the protocol requires. "
-            "`gplfd trials --part ideas` runs all of them."
+            f"A first look: {seeds} of the {protocol.SEEDS} seeds that the protocol "
+            "requires. `gplfd trials --part ideas` runs all of them."
         )
         blocks.append(Text(text, "warning"))
     if any(answers.values()):
@@ -347,7 +324,7 @@ def ideas_table(answers: Mapping[str, Sequence[Answer]]) -> Table:
 
 def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     """Return a trial's question, and its numbers in a table and a plot."""
-    trial, deciding = TRIALS[name], MEASURES[TRIALS[name].measures[0]]
+    trial, deciding = protocol.TRIALS[name], MEASURES[protocol.TRIALS[name].measures[0]]
     runs, title = ordered(trial, levels), deciding.title
     blocks: list[Block] = [
         Text(trial.question),
@@ -369,16 +346,15 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     return Section(f"Trial: {name}", blocks)
 
 
-def ordered(trial: Trial, levels: ByLevel) -> dict[str, Runs]:
-    """Return a trial's episodes by level and policy, the best first.
+def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
+    """Return a trial's episodes by level and policy, the best by its measures first.
 
-    Policies are sorted by the measures in order. Policies without a number come last,
-    and so do policies that opened no door, because their small forces are not
-    comparable.
+    Policies without a number come last, and so do those that opened no door, because
+    their small forces are not comparable.
     """
 
     def rank(item: tuple[str, Episodes]) -> list[float]:
-        typical = {name: trials.summary(item[1], name) for name in trial.measures}
+        typical = {name: MEASURES[name].typical(item[1]) for name in trial.measures}
         opened = typical.get("success")
         ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
         for name, estimate in typical.items():
@@ -395,18 +371,19 @@ def ordered(trial: Trial, levels: ByLevel) -> dict[str, Runs]:
     }
 
 
-def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
+def trial_table(trial: protocol.Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
 
-    def row(episodes: Episodes) -> Cells:
+    def row(episodes: Episodes) -> document.Cells:
         cells = []
         for name in trial.measures:
-            measure, typical = MEASURES[name], trials.summary(episodes, name)
+            measure = MEASURES[name]
+            typical = measure.typical(episodes)
             text = typical.cell(measure.digits) if typical else "no value"
             cells.append((measure.title, text))
         return cells
 
-    return policy_table(
+    return document.policy_table(
         levels,
         row,
         note="Ordered by the first measure; policies that opened no door come last. "
@@ -415,14 +392,13 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     )
 
 
-def tier_tables(results: StudyResults) -> list[Block]:
-    """Return a table per tier: policies by share of successes, and radial force.
+def tier_tables(results: reading.StudyResults) -> list[Block]:
+    """Return a table per tier: shares of successes, and radial forces.
 
-    Policies took part in all levels, except those with a prior mean, which not all
-    policies accept.
+    Of policies in all its levels, but those with a prior mean, which not all accept.
     """
     blocks: list[Block] = []
-    for tier, names in TIERS.items():
+    for tier, names in protocol.TIERS.items():
         ran = [
             episode
             for episode in results.episodes
@@ -442,12 +418,14 @@ def tier_tables(results: StudyResults) -> list[Block]:
         for policy in sorted(rates, key=lambda name: (-rates[name].estimate, name)):
             force = _FORCE.typical(e for e in ran if e.policy == policy)
             text = force.cell(_FORCE.digits) if force else "–"
-            rows.append((code(policy), kind_of(policy), rates[policy].cell(), text))
+            rows.append(
+                (code(policy), document.kind_of(policy), rates[policy].cell(), text)
+            )
         columns = ("policy", "kind", "successes", "radial force [N]")
         number = len({trial for trial, _ in levels})
         if ran:
             blocks += [
-                Text(f"**Tier {tier}**, {number} of {len(TIERS[tier])} trials"),
+                Text(f"**Tier {tier}**, {number} of {len(names)} trials"),
                 Table(columns=columns, rows=tuple(rows)),
             ]
     return blocks
@@ -510,13 +488,13 @@ def overview(results: Results) -> Table:
         median = _PREDICTED["nlpd"].median(test for test in item[1] if not test.error)
         return math.inf if median is None else median
 
-    def row(tests: Results) -> Cells:
+    def row(tests: Results) -> document.Cells:
         number, *medians = _medians(_SUMMARY, tests)
         return [*medians, number]
 
     order = dict(sorted(measures.by_policy(results).items(), key=likelihood))
     note = f"**n:** recordings left out, one at a time. {_NOTE}"
-    return policy_table({"": order}, row, note=note)
+    return document.policy_table({"": order}, row, note=note)
 
 
 def _all_medians(groups: Mapping[str, Results]) -> Table:
@@ -525,10 +503,10 @@ def _all_medians(groups: Mapping[str, Results]) -> Table:
     metrics = [n for n in _PREDICTED if any(t.number(n) is not None for t in tests)]
     runs = {title: measures.by_policy(group) for title, group in groups.items()}
     row = partial(_medians, metrics)
-    return policy_table(runs, row, title="All measures", note=_NOTE)
+    return document.policy_table(runs, row, title="All measures", note=_NOTE)
 
 
-def _medians(metrics: Iterable[str], tests: Results) -> Cells:
+def _medians(metrics: Iterable[str], tests: Results) -> document.Cells:
     """Return the number of tests, and the median of each measure."""
     columns = (_PREDICTED[name] for name in metrics)
     medians = ((column.column, column.text(column.median(tests))) for column in columns)

@@ -20,7 +20,7 @@ from gplfd_experiments.analysis.results.reading import (
     read_files,
 )
 from gplfd_experiments.analysis.results.statistics import (
-    Shift,
+    Estimate,
     number_text,
     shift,
     success_rate,
@@ -101,9 +101,12 @@ class Measure:
         by_seed = [values for group in seeds if (values := self.values(group))]
         return [math.fsum(values) / len(values) for values in by_seed]
 
-    def typical(self, results: Iterable[TaskResult]) -> Shift | None:
-        """Return the typical value of a seed with its interval; None without any."""
-        means = self.seed_means(results)
+    def typical(self, results: Iterable[TaskResult]) -> Estimate | None:
+        """Return the typical value of a seed, or the rate; None without any."""
+        group = [result for result in results if self.of(result) is not None]
+        if self.share and group:
+            return success_rate((r.task.seed, bool(self.of(r))) for r in group)
+        means = self.seed_means(group)
         return shift(means, [0.0] * len(means)) if means else None
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
@@ -182,11 +185,6 @@ def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
         return closed, force.estimate if force else math.inf, item[0]
 
     return dict(sorted(by_policy(episodes).items(), key=order))
-
-
-def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
-    """Return by policy the results that count, as `TaskResult.counts` says."""
-    return {name: [r for r in group if r.counts] for name, group in results.items()}
 
 
 def door_name(episode: EpisodeResult) -> str:

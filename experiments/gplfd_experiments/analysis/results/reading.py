@@ -1,7 +1,4 @@
-"""Read the results of a study from its files as records.
-
-Files that cannot be read are listed with the reason.
-"""
+"""Read the results of a study from its files, and list those without a result."""
 
 import json
 import typing
@@ -54,6 +51,9 @@ class TaskResult:
     """Why there is no measurement; "" if there is one."""
     lost: bool
     """Whether the machine failed, not the policy; it is excluded everywhere."""
+    counts: bool
+    """Whether it is part of rates, medians and comparisons: neither lost, nor a
+    learning test with an error."""
     code: str
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
@@ -74,20 +74,12 @@ class TaskResult:
         return self.task.seed, self.pair
 
     @property
-    def counts(self) -> bool:
-        """Whether it is part of rates, medians and comparisons."""
-        return not self.error
-
-    @property
     def left_out(self) -> str:
         """What a learning test left out: demonstration, radius or recording."""
         return getattr(self.task, "held_out", "recording")
 
     def number(self, name: str) -> float | None:
-        """Return a metric; None where it is missing.
-
-        After an error of the policy, the grasp counts as not kept.
-        """
+        """Return a metric or None; a policy that raises an error keeps no grasp."""
         if name == "grasp_kept" and "failure" in self.metrics:
             return float(self.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
         value: float | None = self.metrics.get(name)
@@ -96,11 +88,7 @@ class TaskResult:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EpisodeResult(TaskResult):
-    """The result of an episode.
-
-    If the policy raised an error, in learning or acting, the episode counts as a
-    failure, ``policy_error``, with a closed door.
-    """
+    """The result of an episode; an error of the policy counts as a closed door."""
 
     task: EpisodeTask
     radius: float
@@ -112,11 +100,6 @@ class EpisodeResult(TaskResult):
     split: str
     """Relation of the door to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is part of rates and comparisons; false if the machine failed."""
-        return not self.lost
 
     def opened(self, angle: int = 60) -> bool:
         """Return whether the door ever reached 15, 30 or 60 degrees."""
@@ -250,6 +233,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "pair": replace(task, policy="", policy_source=None).key,
         "error": error,
         "lost": lost,
+        "counts": not (lost if isinstance(task, EpisodeTask) else error),
         "code": ", ".join(code) if versions else "unknown code",
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(

@@ -21,10 +21,7 @@ Key = tuple[int, str]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Shift:
-    """Typical difference of pairs, first minus second, and its 95 % interval.
-
-    With fewer than `FEWEST_PAIRS` pairs the interval is infinite.
-    """
+    """Typical difference of pairs, and its 95 % interval, infinite for few pairs."""
 
     estimate: float
     low: float
@@ -54,10 +51,7 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
 def paired(
     first: Mapping[Key, float], second: Mapping[Key, float]
 ) -> tuple[list[float], list[float]]:
-    """Return the means of two policies over the common tasks of each common seed.
-
-    Tasks of a seed share the demonstrations, so that seeds are the pairs of a test.
-    """
+    """Return means over the common tasks of each seed, which is a pair of a test."""
     common = sorted(first.keys() & second.keys())
     seeds = [[*keys] for _, keys in itertools.groupby(common, itemgetter(0))]
     first_means, second_means = (
@@ -89,6 +83,9 @@ class Rate:
     def cell(self, _: int = 0) -> str:
         """Successes and trials, above the interval; a share needs no digits."""
         return f"{self.successes}/{self.trials}\n{self.interval}"
+
+
+Estimate = Rate | Shift
 
 
 def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
@@ -172,11 +169,7 @@ def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
 
 
 def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
-    """Estimate the mean difference of pairs, first minus second, for example of rates.
-
-    Returns mean difference and Student's interval. The median is not informative if
-    most seeds have equal rates.
-    """
+    """Return the mean difference of pairs, such as of rates; Student's interval."""
     differences = np.asarray(np.subtract(first, second), dtype=float)
     n, mean = differences.size, float(np.mean(differences))
     reach = math.inf

@@ -1,40 +1,15 @@
-"""Results of trials: numbers per seed, contrasts, trials.json, protocol check.
-
-trials.json contains every number of a trial, so that the result files are not needed.
-"""
+"""Results of trials: contrasts, trials.json with all numbers, check of the protocol."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
-from gplfd_experiments.analysis.results.measures import (
-    EPISODE_MEASURES,
-    Runs,
-    by_policy,
-    grouped,
-)
+from gplfd_experiments.analysis.results import measures, statistics
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
-from gplfd_experiments.analysis.results.statistics import (
-    Key,
-    Rate,
-    Shift,
-    mean_shift,
-    paired,
-    shift,
-    success_rate,
-)
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.studies.trials.protocol import (
-    TRIALS,
-    VERSION,
-    Contrast,
-    Side,
-    Trial,
-    named_trials,
-    trial_tasks,
-)
+from gplfd_experiments.studies.trials import protocol
 
 FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""
@@ -42,12 +17,12 @@ FILE: Final = "trials.json"
 Verdict = Literal["shows", "harms", "open"]
 """Better with the idea, worse with the idea, or no significant difference."""
 
-ByLevel = Mapping[str, Runs]
+ByLevel = Mapping[str, measures.Runs]
 """Episodes of a trial by level and policy, including errors."""
 
 MEASURES: Final = {
     name: replace(m, if_opened=False, digits=1 if m.unit == "s" else m.digits)
-    for name, m in EPISODE_MEASURES.items()
+    for name, m in measures.EPISODE_MEASURES.items()
 }
 """Measures of episodes by metric; in trials, closed doors have forces too."""
 
@@ -59,8 +34,8 @@ _DIGITS, _LISTED = 5, 3
 class Answer:
     """The result of a contrast."""
 
-    contrast: Contrast
-    shift: Shift | None
+    contrast: protocol.Contrast
+    shift: statistics.Shift | None
     """The measure with the idea minus without it; None without common values."""
     changes: Mapping[str, int]
     """Number of doors that are opened with the idea only ("gained"), without it only
@@ -79,21 +54,23 @@ class Answer:
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
     """Return the episodes of every trial in a study, levels in the trial's order."""
     trials: dict[str, ByLevel] = {}
-    ran = grouped(results.episodes, lambda episode: episode.task.trial)
-    for name in (name for name in TRIALS if name in ran):
-        levels = grouped(ran[name], lambda episode: episode.task.level)
-        order = dict.fromkeys((*TRIALS[name].levels, *levels))
+    ran = measures.grouped(results.episodes, lambda episode: episode.task.trial)
+    for name in (name for name in protocol.TRIALS if name in ran):
+        levels = measures.grouped(ran[name], lambda episode: episode.task.level)
+        order = dict.fromkeys((*protocol.TRIALS[name].levels, *levels))
         trials[name] = {
-            level: by_policy(levels[level]) for level in order if level in levels
+            level: measures.by_policy(levels[level])
+            for level in order
+            if level in levels
         }
     return trials
 
 
-def answered(contrast: Contrast, levels: ByLevel) -> Answer:
+def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
     measure = MEASURES[contrast.measure]
 
-    def numbers(side: Side) -> dict[Key, float]:
+    def numbers(side: protocol.Side) -> dict[statistics.Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
         # Levels of a comparison have the same doors.
         return {
@@ -105,10 +82,11 @@ def answered(contrast: Contrast, levels: ByLevel) -> Answer:
         }
 
     having, lacking = numbers(contrast.having), numbers(contrast.lacking)
-    means = paired(having, lacking)
+    means = statistics.paired(having, lacking)
     difference = None
     if means[0]:
-        difference = (mean_shift if measure.share else shift)(*means)
+        compare = statistics.mean_shift if measure.share else statistics.shift
+        difference = compare(*means)
     changes: dict[str, int] = {}
     if contrast.measure == "success" and contrast.lacking.level:
         both = having.keys() & lacking.keys()
@@ -120,23 +98,13 @@ def answered(contrast: Contrast, levels: ByLevel) -> Answer:
     return Answer(contrast=contrast, shift=difference, changes=changes)
 
 
-def summary(episodes: Iterable[EpisodeResult], name: str) -> Rate | Shift | None:
-    """Return a rate, or the typical value of a seed with its 95 % interval."""
-    measure = MEASURES[name]
-    if not measure.share:
-        return measure.typical(episodes)
-    values = [(episode.task.seed, measure.of(episode)) for episode in episodes]
-    outcomes = [(seed, bool(value)) for seed, value in values if value is not None]
-    return success_rate(outcomes) if outcomes else None
-
-
-def success_measure(trial: Trial) -> str:
+def success_measure(trial: protocol.Trial) -> str:
     """Return the success measure of a trial."""
     shares = (name for name in trial.measures if MEASURES[name].share)
     return next(shares, "success")
 
 
-def deciding_measure(trial: Trial) -> str:
+def deciding_measure(trial: protocol.Trial) -> str:
     """Return the first measure of a trial that is not a share."""
     numbers = (name for name in trial.measures if not MEASURES[name].share)
     return next(numbers, trial.measures[0])
@@ -144,7 +112,7 @@ def deciding_measure(trial: Trial) -> str:
 
 def succeeded(episode: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded by the trial's measure."""
-    return bool(episode.number(success_measure(TRIALS[episode.task.trial])))
+    return bool(episode.number(success_measure(protocol.TRIALS[episode.task.trial])))
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:
@@ -153,19 +121,20 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
     def rounded(value: float) -> float | None:
         return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
-    def interval(estimate: Rate | Shift | None) -> dict[str, Any]:
+    def interval(estimate: statistics.Estimate | None) -> dict[str, Any]:
         """Return an estimate and its 95 % interval; None for unknown values."""
         ends = ("estimate", "low", "high")
         return {name: rounded(getattr(estimate, name, math.nan)) for name in ends}
 
     def measured(name: str, episodes: Sequence[EpisodeResult]) -> dict[str, Any]:
-        seeds = [*map(rounded, MEASURES[name].seed_means(episodes))]
-        return {**interval(summary(episodes, name)), "seeds": seeds}
+        measure = MEASURES[name]
+        seeds = [*map(rounded, measure.seed_means(episodes))]
+        return {**interval(measure.typical(episodes)), "seeds": seeds}
 
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
     for name, levels in of_trials(results).items():
-        trial = TRIALS[name]
+        trial = protocol.TRIALS[name]
         trials[name] = {
             level: {
                 policy: {
@@ -193,7 +162,7 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                 }
             )
     return {
-        "protocol": VERSION,
+        "protocol": protocol.VERSION,
         "code": sorted({e.code for e in results.episodes if e.task.trial}),
         "trials": trials,
         "contrasts": contrasts,
@@ -228,11 +197,11 @@ def protocol_problems(results: StudyResults) -> list[str]:
         if episode.demonstrations != hashes[episode.task.demonstrations_key]
     ]
     check(differing, "episodes used other demonstrations, or do not state which")
-    for policy, episodes in by_policy(trials).items():
+    for policy, episodes in measures.by_policy(trials).items():
         # Comparison with the episodes that the protocol plans.
         names = tuple(dict.fromkeys(episode.task.trial for episode in episodes))
         try:
-            tasks = trial_tasks(named_trials(names), only=[policy])
+            tasks = protocol.trial_tasks(protocol.named_trials(names), only=[policy])
         except ValueError as error:
             problems.append(f"{policy}: {error}")
             continue
