@@ -10,7 +10,6 @@ import pytest
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.report.document import (
-    Document,
     Plot,
     Section,
     Text,
@@ -120,9 +119,9 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
 
 def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, policies):
     folder = write_study(policies)
-    document = report(read_results(folder), "kmp")
-    assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in markdown_page(document)
-    blocks = (block for part in document.sections for block in part.blocks)
+    page = report(read_results(folder), "kmp")
+    assert "| `gp` | 0 : 8<br>**p 0.016**, n 8 |" in markdown_page(page)
+    blocks = (block for part in page for block in part.blocks)
     first = next(block for block in blocks if isinstance(block, Plot))
     panels = [axes for axes in first.draw().axes if axes.lines]
     marked = {
@@ -243,10 +242,10 @@ def test_both_writers_keep_marks_and_cells_apart():
     table = Table(columns=("a", "b"), rows=rows, title="<D>")
     left = Table(columns=("c", "d"), rows=(), left=True)
     section = Section("S", [table, left])
-    document = Document("T", [Text("mind", "warning")], [section])
-    assert "**\\<D>**\n\n| a | b |" in markdown_page(document)
-    assert "| x\\|y | 1<br>2 |" in markdown_page(document)
-    page = html_page(document, {})
+    sections = [Section("T", [Text("mind", "warning")]), section]
+    assert "**\\<D>**\n\n| a | b |" in markdown_page(sections)
+    assert "| x\\|y | 1<br>2 |" in markdown_page(sections)
+    page = html_page(sections, {})
     assert "<td>x|y</td><td>1<br><small>2</small></td>" in page
     assert '<tr><th colspan="2" scope="rowgroup">group</th></tr>' in page
     assert "<details><summary>&lt;D&gt;</summary>" in page

@@ -42,6 +42,10 @@ _FOLDER: Final = "taught"  # Folder of a set with a file per demonstration.
 _KIND: Final = "a gplfd taught demonstration"
 _VERSION: Final = 1
 
+Sample = Float[np.ndarray, " 9"]
+Vector = Float[np.ndarray, " 3"]
+Pose = Float[np.ndarray, " 6"]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Taught:
@@ -166,7 +170,7 @@ _SPEED: Final = 0.3  # Speed of the target at full deflection [m/s].
 _TURN: Final = 0.1  # Deflection of the wrist's spring at full input [rad]: 10 N m.
 
 
-def checked_input(values: object) -> Float[np.ndarray, " 9"]:
+def checked_input(values: object) -> Sample:
     """Return a sample of `INPUTS`, or raise ValueError; deflections within ±1."""
     try:
         sample = np.array(values, dtype=np.float64)
@@ -190,11 +194,11 @@ class View:
     which the door moves the hand.
     """
 
-    position: Float[np.ndarray, " 3"]
+    position: Vector
     axes: Float[np.ndarray, "3 3"]
     extent: tuple[float, float]
     """Half the width and height of the picture at a distance of 1."""
-    normal: Float[np.ndarray, " 3"]
+    normal: Vector
 
     @classmethod
     def of(cls, data: mujoco.MjData, camera: str, aspect: float, level: bool) -> "View":
@@ -210,9 +214,7 @@ class View:
             normal=np.array([0.0, 0.0, 1.0] if level else [0.0, 1.0, 0.0]),
         )
 
-    def point(
-        self, u: float, v: float, level: Float[np.ndarray, " 3"]
-    ) -> Float[np.ndarray, " 3"] | None:
+    def point(self, u: float, v: float, level: Vector) -> Vector | None:
         """Return the point in the plane through `level`, or None beyond its horizon."""
         width, height = self.extent
         ray = self.axes @ [(2.0 * u - 1.0) * width, (1.0 - 2.0 * v) * height, -1.0]
@@ -222,7 +224,7 @@ class View:
             return None
         return np.asarray(self.position + distance / along * ray)
 
-    def place(self, point: Float[np.ndarray, " 3"]) -> tuple[float, float]:
+    def place(self, point: Vector) -> tuple[float, float]:
         """Return the position of a point in the picture, (u, v)."""
         right, up, back = self.axes.T @ (point - self.position)
         width, height = self.extent
@@ -237,17 +239,12 @@ class Lead:
     ) -> None:
         self._view, self._reach = view, force / SPRING[0]
         self._give = SPRING[0] / servo
-        self.target: Float[np.ndarray, " 3"] = np.zeros(3)
+        self.target: Vector = np.zeros(3)
         """Target of the spring [m]."""
-        self._grip: Float[np.ndarray, " 3"] | None = None
+        self._grip: Vector | None = None
         self._level, self._active = np.zeros(3), False
 
-    def command(
-        self,
-        sample: Float[np.ndarray, " 9"],
-        observation: Observation,
-        wrist: Float[np.ndarray, " 3"],
-    ) -> Float[np.ndarray, " 6"]:
+    def command(self, sample: Sample, observation: Observation, wrist: Vector) -> Pose:
         """Return the commanded pose of the hand for a control period [m, rad].
 
         `wrist` is its rotation vector without deflections about the axes. Pressing the
@@ -300,13 +297,11 @@ class Person:
         self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
         self._share = 0.0  # blend from the policy's command (0) to the person's (1)
 
-    def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
+    def take(self, sample: Sample, handle_angle: float) -> None:
         """Set the sample of the next control period, and the handle's angle [rad]."""
         self._sample, self._turn = sample, handle_angle
 
-    def lead(
-        self, observation: Observation, step: AgentStep
-    ) -> Float[np.ndarray, " 6"] | None:
+    def lead(self, observation: Observation, step: AgentStep) -> Pose | None:
         """Return the command while the hand is led or handed over."""
         active = bool(self._sample[0] or self._sample[3:].any())
         change = CONTROL_PERIOD / BLEND_TIME
@@ -368,7 +363,7 @@ class Lesson(ABC):
         """Begin an episode; return the spring by which the person leads."""
 
     @abstractmethod
-    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " n"]:
+    def _action(self, sample: Sample) -> Float[np.ndarray, " n"]:
         """Return the action of the environment."""
 
     @abstractmethod
@@ -379,7 +374,7 @@ class Lesson(ABC):
     def result(self) -> str:
         """Return a text about the result; raise a ValueError if it cannot be kept."""
 
-    def step(self, sample: Float[np.ndarray, " 9"]) -> None:
+    def step(self, sample: Sample) -> None:
         """Simulate one control period; `over` is the reason for the end."""
         action = self._action(sample)
         self._observation, _, _, diverged, self._info = self._env.step(action)
@@ -458,7 +453,7 @@ class DemonstrationLesson(Lesson):
     def _begin(self) -> Lead:
         return Lead(self.view)
 
-    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 12"]:
+    def _action(self, sample: Sample) -> Float[np.ndarray, " 12"]:
         angle, turn = self._info["door_angle"], self._info["handle_angle"]
         wrist = self._env.door_geometry.easy_hand_poses(angle, turn)[3:]
         pose = self.spring.command(sample, self._observation, wrist)
@@ -500,11 +495,11 @@ class CorrectionLesson(Lesson):
         self._agent.reset(self._observation)
         return self._person.spring
 
-    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 6"]:
+    def _action(self, sample: Sample) -> Pose:
         self._person.take(sample, float(self._info["handle_angle"]))
         return self._agent.act(self._observation).command(self.control)
 
-    def step(self, sample: Float[np.ndarray, " 9"]) -> None:
+    def step(self, sample: Sample) -> None:
         """Simulate one control period, until the door is open."""
         super().step(sample)
         if self._info["success"]:

@@ -49,24 +49,13 @@ Block = Text | Table | Plot
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A question under a heading, answered by tables and plots."""
+    """A question under a heading, answered by tables and plots.
+
+    A page is a sequence of sections; the first has the page's title, without marks.
+    """
 
     title: str
     blocks: Sequence[Block]
-
-    @property
-    def anchor(self) -> str:
-        """Anchor in the page."""
-        return re.sub(r"[^a-z0-9]+", "-", self.title.lower())
-
-
-@dataclass(frozen=True, slots=True)
-class Document:
-    """A whole page, before it is written; its title has no marks."""
-
-    title: str
-    lead: Sequence[Block]
-    sections: Sequence[Section]
 
 
 Cells = Sequence[tuple[str, str]]
@@ -149,37 +138,40 @@ _TEMPLATES: Final = Environment(
 )
 _TEMPLATES.filters["marked"] = inline
 _TEMPLATES.filters["kind"] = lambda block: type(block).__name__
+_TEMPLATES.filters["anchor"] = lambda text: re.sub(r"[^a-z0-9]+", "-", text.lower())
 
 
-def html_page(document: Document, images: Mapping[str, bytes]) -> str:
-    """Return a document as HTML, from its template and the SVG of every plot."""
+def html_page(page: Sequence[Section], images: Mapping[str, bytes]) -> str:
+    """Return a page as HTML, from its template and the SVG of every plot."""
     encoded = {name: base64.b64encode(svg).decode() for name, svg in images.items()}
-    page = _TEMPLATES.get_template("page.html.jinja")
-    return page.render(document=document, images=encoded)
+    template = _TEMPLATES.get_template("page.html.jinja")
+    return template.render(page=page, images=encoded)
 
 
-def markdown_page(document: Document) -> str:
-    """Return a document as one text of Markdown."""
-    parts = [f"# {document.title}", *map(_markdown, document.lead)]
-    for section in document.sections:
-        parts += [f"## {_unmarked(section.title)}", *map(_markdown, section.blocks)]
+def markdown_page(page: Sequence[Section]) -> str:
+    """Return a page as one text of Markdown."""
+    parts = []
+    for section in page:
+        parts.append(
+            f"{'#' if section is page[0] else '##'} {_unmarked(section.title)}"
+        )
+        for block in section.blocks:
+            match block:
+                case Text(text, "verbatim"):
+                    # The fence is longer than any fence in the text.
+                    fences = map(len, re.findall("`+", text))
+                    fence = "`" * max(3, 1 + max(fences, default=0))
+                    parts.append(f"{fence}text\n{text}\n{fence}")
+                case Text(text, kind):
+                    parts.append("> **Mind:** " * (kind == "warning") + _unmarked(text))
+                case Plot(name, _, caption, alternative):
+                    parts.append(f"![{alternative}]({FIGURES}/{name}.png)")
+                    parts.append(_unmarked(caption))
+                case Table(title=title, note=note):
+                    parts.append(f"**{_unmarked(title)}**" if title else "")
+                    parts.append(markdown_table(block, _unmarked))
+                    parts.append(_unmarked(note))
     return "\n\n".join(filter(None, parts)) + "\n"
-
-
-def _markdown(block: Block) -> str:
-    match block:
-        case Text(text, "verbatim"):
-            # The fence is longer than any fence in the text.
-            fence = "`" * max(3, 1 + max(map(len, re.findall("`+", text)), default=0))
-            return f"{fence}text\n{text}\n{fence}"
-        case Text(text, kind):
-            return f"{'> **Mind:** ' * (kind == 'warning')}{_unmarked(text)}"
-        case Plot(name, _, caption, alternative):
-            return f"![{alternative}]({FIGURES}/{name}.png)\n\n{_unmarked(caption)}"
-        case Table(title=title, note=note):
-            heading = f"**{_unmarked(title)}**\n\n" * bool(title)
-            table = markdown_table(block, _unmarked)
-            return f"{heading}{table}\n\n{_unmarked(note)}".rstrip()
 
 
 def _unmarked(text: str) -> str:

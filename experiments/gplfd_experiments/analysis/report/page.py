@@ -1,4 +1,4 @@
-"""The report of a study: `report` returns a document, `write_report` writes it."""
+"""The report of a study: `report` returns its page, `write_report` writes it."""
 
 import shlex
 from collections import Counter
@@ -33,15 +33,15 @@ def write_report(
     Returns the path of the HTML page.
     """
     folder = study if out is None else out
-    content, plots = report(results, reference), folder / document.FIGURES
+    page, plots = report(results, reference), folder / document.FIGURES
     images: dict[str, bytes] = {}
-    for plot in (block for section in content.sections for block in section.blocks):
+    for plot in (block for section in page for block in section.blocks):
         if isinstance(plot, Plot):
             with paper_style():
                 write_figure(plot.draw(), plots, plot.name)
             images[plot.name] = (plots / f"{plot.name}.svg").read_bytes()
-    html = document.html_page(content, images)
-    pages = {MARKDOWN: document.markdown_page(content), HTML: html}
+    html = document.html_page(page, images)
+    pages = {MARKDOWN: document.markdown_page(page), HTML: html}
     for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -51,8 +51,8 @@ def write_report(
     return folder / HTML
 
 
-def report(results: StudyResults, reference: str) -> document.Document:
-    """Return the report of a study."""
+def report(results: StudyResults, reference: str) -> list[Section]:
+    """Return the sections of the report of a study."""
     if document.told(reference):
         raise ValueError(
             f"--reference {reference} knows the door, as no robot does, so others "
@@ -107,7 +107,7 @@ def report(results: StudyResults, reference: str) -> document.Document:
     questions.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
-    return document.Document(title, lead, questions)
+    return [Section(title, lead), *questions]
 
 
 def unfinished(results: StudyResults) -> str:
