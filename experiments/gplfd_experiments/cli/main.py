@@ -20,33 +20,28 @@ import docstring_parser
 import tyro
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from gplfd_experiments.cli.commands import studies
-from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
-from gplfd_experiments.cli.commands.export import Export, Serve
-from gplfd_experiments.cli.commands.machine import Catalogue, Doctor
-from gplfd_experiments.cli.commands.run import Learn, Run, View
-from gplfd_experiments.cli.commands.teach import Correct
+from gplfd_experiments.cli.commands import demos, export, machine, run, studies, teach
 from gplfd_experiments.console.progress import LOG
 
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
 
 COMMANDS: Final[Mapping[str, type[Any]]] = {
-    "run": Run,
-    "learn": Learn,
-    "export": Export,
-    "serve": Serve,
-    "correct": Correct,
+    "run": run.Run,
+    "learn": run.Learn,
+    "export": export.Export,
+    "serve": export.Serve,
+    "correct": teach.Correct,
     "skill": studies.SkillTests,
     "benchmark": studies.Benchmark,
     "trials": studies.Trials,
     "report": studies.Report,
     "figures": studies.Figures,
-    "demos": Demos,
-    "doors": Doors,
-    "view": View,
-    "list": Catalogue,
-    "doctor": Doctor,
+    "demos": demos.Demos,
+    "doors": demos.Doors,
+    "view": run.View,
+    "list": machine.Catalogue,
+    "doctor": machine.Doctor,
 }
 """The subcommands by name. Their fields are the options, and their docstrings the help.
 `execute` does the work and returns the exit status; bad input raises a ValueError,
@@ -77,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "warning: %s", " ".join(str(message).split())
             )
             command = _parse(words, COMMANDS)
-            if not isinstance(command, Doctor):  # which reports what is missing
+            if not isinstance(command, machine.Doctor):  # which reports what is missing
                 from gplfd_env.conventions.opengl import choose_opengl
 
                 choose_opengl()
@@ -111,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> Any:
     """Return the command that the words name, with its options."""
     first, second = (*words, "", "")[:2]
-    for record in (COMMANDS.get(first), SUBCOMMANDS.get(second)):
+    for record in (COMMANDS.get(first), demos.SUBCOMMANDS.get(second)):
         if record is not None:
             _prepare(record)
     subcommands = []

@@ -11,14 +11,12 @@ class Table:
     """Texts in rows; the first cell of each row names it."""
 
     columns: tuple[str, ...]
-    """Headings with units."""
     rows: tuple[tuple[str, ...], ...]
     """Cells, one per heading; text after a line break is small. A row with only its
     first cell is the heading of the rows below."""
     title: str = ""
     """Title of a table that a page shows folded."""
     note: str = ""
-    """Explanation of the table."""
     left: bool = False
     """Whether all cells are left-aligned text, instead of numbers after a name."""
 

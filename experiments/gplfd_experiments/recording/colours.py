@@ -14,6 +14,7 @@ FORCE: Final[Colour] = (255, 92, 92)
 OUTSIDE: Final[Colour] = (245, 245, 245)  # Events from outside.
 AXIS_X: Final[Colour] = (255, 159, 67)  # Along the path or pull.
 AXIS_Z: Final[Colour] = (84, 190, 255)  # Across the path, to or from the hinge.
+AXES: Final = (AXIS_X, AXIS_Z)
 LIMIT: Final[Colour] = (255, 92, 92)
 MARK: Final[Colour] = (128, 134, 148)
 BACKGROUND: Final[Colour] = (24, 27, 33)

@@ -19,10 +19,8 @@ from rerun.chunk import Chunk
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import SHORT
-from gplfd_experiments.recording import colours, motion, parts, scene
+from gplfd_experiments.recording import colours, episode, motion, panels, parts, scene
 from gplfd_experiments.recording.colours import Colour
-from gplfd_experiments.recording.episode import check_model
-from gplfd_experiments.recording.panels import Line, Plot, series
 from gplfd_experiments.recording.stream import TEXT, page, static, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -44,8 +42,7 @@ _TURN: Final = math.radians(35.0)
 ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
 """Direction of the row in the world; each robot stands slightly behind the last."""
 
-_PLOTS, _OVERLAY = "/plots", "/overlay"
-"""Entities of the curves, and of a common door with the paths of all policies."""
+_OVERLAY: Final = "/overlay"  # A common door with the paths of all policies.
 _LABEL: Final = (1.15, -0.8, -0.2)
 """Position of a robot's name, behind the robot, in its task frame [m]."""
 
@@ -67,7 +64,7 @@ def record_comparison(
         )
     names = [log.policy for log in logs]
     for log in logs:
-        check_model(log, model)
+        episode.check_model(log, model)
         if names.count(log.policy) > 1:
             raise ValueError(f"policy {log.policy} is given twice in a comparison")
         if dict(log.door_config) != dict(logs[0].door_config):
@@ -111,15 +108,17 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
     yield from _moved_to(_OVERLAY, common)
     # The angle from which a door counts as opened.
     angle = math.degrees(SUCCESS_ANGLE)
-    mark = {Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}
+    mark = {panels.Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}
     ends = np.array([0.0, max(log.times[-1] for log in logs)])
-    yield from series(f"{_PLOTS}/angle/opened", ends, mark)
+    yield from panels.series(f"{panels.ROOT}/angle/opened", ends, mark)
     for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
         yield from _robot(number, log, colour, model)
-        line, policy = Line(log.policy, colour, 1.5), _part(log)
+        line, policy = panels.Line(log.policy, colour, 1.5), _part(log)
         angles, radial = log.opening.door_angle, np.abs(log.forces.force_radial)
         for plot, values in (("angle", np.degrees(angles)), ("radial", radial)):
-            yield from series(f"{_PLOTS}/{plot}{policy}", log.times, {line: values})
+            yield from panels.series(
+                f"{panels.ROOT}/{plot}{policy}", log.times, {line: values}
+            )
 
 
 def _robot(
@@ -187,10 +186,12 @@ def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
         [f"{_OVERLAY}/**"],
         (above, target, (1.0, 0.0, 0.0)),
     )
-    legend = rrb.Corner2D.LeftTop
-    name = "Door angle [deg]"
-    angle = rrb.TimeSeriesView(origin=f"{_PLOTS}/angle", name=name, plot_legend=legend)
-    curves = Plot("radial", "Radial force [N]: against the hinge").view(_PLOTS)
+    angle = rrb.TimeSeriesView(
+        origin=f"{panels.ROOT}/angle",
+        name="Door angle [deg]",
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
+    curves = panels.Plot("radial", "Radial force [N]: against the hinge").view()
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
-    panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
-    return rrb.Vertical(robots, panels, row_shares=[5, 4])
+    below = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
+    return rrb.Vertical(robots, below, row_shares=[5, 4])

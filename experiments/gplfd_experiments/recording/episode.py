@@ -17,9 +17,8 @@ from gplfd_env.doors.config import HingeSide
 from gplfd_experiments.data.preparation.frames import find_hinge
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
-from gplfd_experiments.recording import motion, panels, parts
+from gplfd_experiments.recording import motion, panels, parts, stream
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene, view_3d
-from gplfd_experiments.recording.stream import TEXT, page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _FORCE_NOTE: Final = """\
@@ -60,7 +59,7 @@ def record_episode(
     views = layout([*parts.disturbances(log)], mechanisms, log.config.hinge_side, drawn)
     chunks = itertools.chain(curves, episode_chunks(log, model, demonstrations))
     name = f"{log.door} door, {log.policy}, seed {log.seed}"
-    write_recording(path, name, views, chunks)
+    stream.write_recording(path, name, views, chunks)
 
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
@@ -88,7 +87,31 @@ def episode_chunks(
     yield from parts.disturbance_chunks(log)
     yield from parts.mechanism(log, model)
     yield from panels.stage_lane(log)
-    yield _page(log, len(demonstrations))
+    # The page beside the scene: the run and how to read the view.
+    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
+    angle = math.degrees(log.opening.door_angle[-1])
+    notes = _FORCE_NOTE * bool(np.isfinite(log.decisions.expected_force).any())
+    notes += _MODE_NOTE * bool(np.isfinite(log.decisions.mode).any())
+    if outside := ", ".join(parts.disturbances(log)):
+        notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
+    axes = "and *across* the path"
+    if np.all(log.decisions.frame == np.eye(3)):
+        axes = "the pull (x) and *across* it (z)"
+    text = files(__package__).joinpath("episode.md").read_text(encoding="utf-8")
+    yield stream.page(
+        text.format(
+            door=log.door,
+            policy=log.policy,
+            end=f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s",
+            parts=", ".join(_described(log.door_config)) or "standard",
+            demonstrations=len(demonstrations),
+            seed=log.seed,
+            axes=axes,
+            milliseconds=1e3 * log.dt,
+            notes=notes,
+            versions=", ".join(f"{name} {of}" for name, of in versions().items()),
+        )
+    )
 
 
 def mean_radius(demonstrations: Sequence[Demonstration]) -> float:
@@ -107,34 +130,6 @@ def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
         else:
             text = value if isinstance(value, str) else f"{value:g}"
             yield f"{part}{name.replace('_', ' ')} {text}"
-
-
-def _page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
-    """Return the page beside the scene: the run and how to read the view."""
-    opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
-    angle = math.degrees(log.opening.door_angle[-1])
-    notes = _FORCE_NOTE * bool(np.isfinite(log.decisions.expected_force).any())
-    notes += _MODE_NOTE * bool(np.isfinite(log.decisions.mode).any())
-    if outside := ", ".join(parts.disturbances(log)):
-        notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
-    axes = "and *across* the path"
-    if np.all(log.decisions.frame == np.eye(3)):
-        axes = "the pull (x) and *across* it (z)"
-    text = files(__package__).joinpath("episode.md").read_text(encoding="utf-8")
-    return page(
-        text.format(
-            door=log.door,
-            policy=log.policy,
-            end=f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s",
-            parts=", ".join(_described(log.door_config)) or "standard",
-            demonstrations=n_demonstrations,
-            seed=log.seed,
-            axes=axes,
-            milliseconds=1e3 * log.dt,
-            notes=notes,
-            versions=", ".join(f"{name} {of}" for name, of in versions().items()),
-        )
-    )
 
 
 def layout(
@@ -172,7 +167,7 @@ def layout(
     }
     stages: rrb.Container | rrb.View
     stages = rrb.StateTimelineView(origin=panels.STAGES, name="Stage and stiffness")
-    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
+    about = rrb.TextDocumentView(origin=stream.TEXT, name="How to read it")
     if kinds:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
         name = "From outside"

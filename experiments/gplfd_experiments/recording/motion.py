@@ -17,9 +17,7 @@ from gplfd_env.doors.motion import end_angle, links_of
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.panels import QUANTILE, colour_of, mean_stiffness
-from gplfd_experiments.recording.scene import task_frame
+from gplfd_experiments.recording import colours, panels, scene
 from gplfd_experiments.recording.stream import frames, moving, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -74,7 +72,7 @@ def door_frame(
         if door.level:
             far = list(links_of(door)[-1].anchor)
         leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
-    position, rotation = task_frame(model)
+    position, rotation = scene.task_frame(model)
     turn = rr.Quaternion(xyzw=rotation.as_quat())
     strips = [demonstration.poses[:, :3] for demonstration in demonstrations]
     looks: dict[str, Any] = {
@@ -110,7 +108,7 @@ def policy_motion(log: EpisodeLog) -> list[Chunk]:
     )
     # Without a stiffness the tube has the policy's colour.
     rows = np.searchsorted(log.times, forecasts.times).clip(max=log.times.size - 1)
-    tints = colour_of(mean_stiffness(log)[rows], colours.ADAPTED)
+    tints = panels.colour_of(panels.mean_stiffness(log)[rows], colours.ADAPTED)
     opacity = np.full((len(tints), 1), _OPACITY_ADAPTED, np.uint8)
     columns = [
         *tubes.partition(np.full(len(vertices), vertices.shape[1])),
@@ -158,15 +156,15 @@ def hand_motion(log: EpisodeLog) -> Iterator[Chunk]:
 
 def hand_stiffness(log: EpisodeLog) -> Iterator[Chunk]:
     """Return the colour of the hand's trail, and a ball that shows the stiffness."""
-    stiffness, knots = mean_stiffness(log), _knots(log)[1:]
-    tints = colour_of(stiffness[knots], colours.HAND)
+    stiffness, knots = panels.mean_stiffness(log), _knots(log)[1:]
+    tints = panels.colour_of(stiffness[knots], colours.HAND)
     yield from _so_far(TRAIL, log, knots, rr.LineStrips3D, colors=tints)
     acts, rows = np.isfinite(stiffness), frames(log)
     if not acts.any():
         return
     values = stiffness[rows][acts[rows]]
     labels = [f"{value:.0f} N/m" for value in values]
-    tints = colour_of(values, colours.HAND)
+    tints = panels.colour_of(values, colours.HAND)
     yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
     yield ball(STIFFNESS, log, acts, _ABOVE_HAND, colors=tints, labels=labels)
 
@@ -253,8 +251,8 @@ def tube_vertices(
     side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
     upward = np.cross(side, tangent)
 
-    half_width = np.maximum(QUANTILE * _length(side * sigma), _THINNEST)
-    half_height = np.maximum(QUANTILE * _length(upward * sigma), _THINNEST)
+    half_width = np.maximum(panels.QUANTILE * _length(side * sigma), _THINNEST)
+    half_height = np.maximum(panels.QUANTILE * _length(upward * sigma), _THINNEST)
     angle = np.linspace(0.0, 2.0 * np.pi, N_SIDES, endpoint=False)[:, None]
     cosine, sine = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
 

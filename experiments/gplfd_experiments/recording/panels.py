@@ -30,9 +30,6 @@ QUANTILE: Final = 1.96
 AXES: Final = ("along", "across")
 """Horizontal directions of σ and k, last parts of the entities of their panels."""
 
-# Entity, number and scale factor of the three outputs that move when a door opens.
-_OUTPUTS: Final = (("x", 0, 1.0), ("z", 2, 1.0), ("turn", 4, 180.0 / np.pi))
-
 
 class Line(NamedTuple):
     """Style of a curve of a panel, or of the centre line of a band."""
@@ -62,12 +59,6 @@ class Plot(NamedTuple):
             axis_y=None if self.limits is None else rrb.ScalarAxis(range=self.limits),
             plot_legend=rrb.PlotLegend(visible=False),
         )
-
-
-Curves = Mapping[Line, FloatArray]
-"""Values of the lines of a panel, (T,) each."""
-Bands = Mapping[Line, tuple[FloatArray, FloatArray]]
-"""Means and variances of the bands of a panel, (T,) each; the half width is σ."""
 
 
 def _along_and_across(
@@ -142,9 +133,7 @@ def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
         ("stiffness_raw", agent.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
-        for axis, output, colour in zip(
-            AXES, (0, 2), (colours.AXIS_X, colours.AXIS_Z), strict=True
-        ):
+        for axis, output, colour in zip(AXES, (0, 2), colours.AXES, strict=True):
             curves[f"{panel}/{axis}/policy"] = {Line(axis, colour): values[:, output]}
     lag = {Line("lag of the hand", colours.OUTSIDE, 1.0): 1e3 * agent.path_lag}
     curves["uncertainty/along/lag"] = lag
@@ -156,7 +145,7 @@ def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
         beliefs[before] = log.forecasts.first(agent.observed_phase)
     now = Line("policy now", colours.ADAPTED, 1.0)
     beliefs[now] = agent.predicted_mean, agent.predicted_std
-    for name, output, scale in _OUTPUTS:
+    for name, output, scale in (("x", 0, 1.0), ("z", 2, 1.0), ("turn", 4, 180 / np.pi)):
         curves[f"{name}/motion"] = {
             Line("true", colours.TRUTH, 3.0): scale
             * log.opening.handle_pose[:, output],
@@ -203,8 +192,10 @@ def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
     yield from levels(log, ZERO, (0.0,), colours.MARK)
 
 
-def series(path: str, times: FloatArray, curves: Curves) -> list[Chunk]:
-    """Curves of one panel; none without finite values."""
+def series(
+    path: str, times: FloatArray, curves: Mapping[Line, FloatArray]
+) -> list[Chunk]:
+    """Curves (T,) of one panel; none without finite values."""
     values = np.stack(list(curves.values()), axis=1)
     if not np.isfinite(values).any():
         return []
@@ -212,8 +203,10 @@ def series(path: str, times: FloatArray, curves: Curves) -> list[Chunk]:
     return [_style(path, [*curves], rr.SeriesLines), data]
 
 
-def bands(path: str, times: FloatArray, beliefs: Bands) -> list[Chunk]:
-    """Means of one panel with bands; none without finite values."""
+def bands(
+    path: str, times: FloatArray, beliefs: Mapping[Line, tuple[FloatArray, FloatArray]]
+) -> list[Chunk]:
+    """Means and variances (T,) of one panel as bands of ±σ; none if not finite."""
     means, variances = np.stack([*beliefs.values()], axis=2)
     if not np.isfinite(means).any():
         return []

@@ -22,10 +22,8 @@ from gplfd_env.scene.door import CLOSER_ARM
 from gplfd_env.scene.handle import GAP
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording import colours, motion, panels
+from gplfd_experiments.recording import colours, motion, panels, scene, stream
 from gplfd_experiments.recording.panels import Line
-from gplfd_experiments.recording.scene import kinematics
-from gplfd_experiments.recording.stream import frames, moving, static
 
 LATCH: Final = f"{panels.STAGES}/latch"
 """Entity of the lane with the state of the bolt."""
@@ -107,13 +105,13 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
     arms = [i for i in range(model.ntendon) if model.tendon(i).name == CLOSER_ARM]
     for arm in (i for i in arms if model.tendon_rgba[i, 3] > 0.0):
         sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-        strips = [data.site_xpos[sites] for data in kinematics(model, log)]
+        strips = [data.site_xpos[sites] for data in scene.kinematics(model, log)]
         tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
         look = rr.LineStrips3D.from_fields(colors=tint, radii=model.tendon_width[arm])
         columns = rr.LineStrips3D.columns(strips=np.array(strips, np.float32))
         ones = np.ones(len(strips), int)
-        yield static(ARM, look)
-        yield moving(ARM, log.times[frames(log)], columns.partition(ones))
+        yield stream.static(ARM, look)
+        yield stream.moving(ARM, log.times[stream.frames(log)], columns.partition(ones))
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -161,7 +159,7 @@ def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
                 rows.append(end)
                 texts.append(f"{kind.ends}: {most:.0f} {kind.unit} at most")
         columns = rr.TextLog.columns(text=texts)
-        yield moving(f"{LOG}/{name}", log.times[rows], columns)
+        yield stream.moving(f"{LOG}/{name}", log.times[rows], columns)
     for limit in _LIMITS:
         if (log.forces.person_force >= 0.5 * limit).any():
             path = f"{root}/allowed_{limit:g}"
@@ -170,12 +168,12 @@ def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
 
 def balls(log: EpisodeLog) -> Iterator[Chunk]:
     """Return a ball above the hand during a disturbance, with its name and strength."""
-    rows = frames(log)
+    rows = stream.frames(log)
     for name, (strength, acts) in disturbances(log).items():
         path = f"{motion.ROOT}/outside/{name}"
         values = strength[rows][acts[rows]]
         labels = [f"{name} {value:.0f} {KINDS[name].unit}" for value in values]
         radii = _BALL * np.sqrt(values)
         look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
-        yield static(path, look)
+        yield stream.static(path, look)
         yield motion.ball(path, log, acts, _ABOVE, radii=radii, labels=labels)

@@ -31,7 +31,6 @@ class VideoFormat:
     size: tuple[int, int] = (640, 480)
     """Width and height [px], multiples of 16."""
     rate: int = 25
-    """Images per second."""
     last: float = 1.0
     """Additional time of the last image [s]."""
     encoding: tuple[str, ...] = ()

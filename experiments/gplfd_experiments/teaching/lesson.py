@@ -18,11 +18,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
-from gplfd_env.doors.config import DoorConfig, door_config
-from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors import config, geometry
 from gplfd_env.robot.model import SERVO_STIFFNESS
-from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.spatial import rotation_paths, se3
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.data.teacher.motion import minimum_jerk
 from gplfd_experiments.episodes.build import make_environment
@@ -31,9 +29,8 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.demonstrations.alignment import without_rests
+from gplfd_policies.demonstrations import alignment, npz
 from gplfd_policies.demonstrations.demonstration import Correction, Demonstration, Who
-from gplfd_policies.demonstrations.npz import FILE, save_demonstrations
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.method import Method
@@ -52,8 +49,7 @@ class Taught:
     """A demonstration of a person at a door, with the inputs."""
 
     name: str
-    """Name of the door."""
-    door: DoorConfig
+    door: config.DoorConfig
     inputs: Float[np.ndarray, "N 9"]
     """A sample of the device per control period, `INPUTS`."""
     recorded: Demonstration
@@ -62,7 +58,7 @@ class Taught:
     @property
     def demonstration(self) -> Demonstration:
         """Demonstration for learning: without pauses, relative to its first pose."""
-        return without_rests(self.recorded)[0].relative_to_first()
+        return alignment.without_rests(self.recorded)[0].relative_to_first()
 
 
 class TaughtSet:
@@ -106,8 +102,8 @@ class TaughtSet:
             raise
 
     def _write_index(self) -> None:
-        save_demonstrations(
-            self.place / FILE,
+        npz.save_demonstrations(
+            self.place / npz.FILE,
             [taught.demonstration for taught in self.kept],
             [taught.door.radius for taught in self.kept],
         )
@@ -133,7 +129,7 @@ def _taught(members: Members) -> Taught:
         raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
     return Taught(
         name=name,
-        door=door_config(door),
+        door=config.door_config(door),
         inputs=inputs,
         recorded=Demonstration(times=times, poses=poses, wrenches=wrenches),
     )
@@ -274,7 +270,7 @@ class Lead:
         along = velocity * (velocity @ error) / speed**2 if speed else error
         moving = (1.0 - _ACROSS) * min(1.0, speed / _MOVING)
         stretch = moving * along + (1.0 - moving) * error
-        turned = compose_rotvecs(_TURN * sample[6:], wrist)
+        turned = se3.compose_rotvecs(_TURN * sample[6:], wrist)
         return np.concatenate([hand + self._give * stretch, turned])
 
 
@@ -290,7 +286,7 @@ class Person:
     def __init__(self, view: View) -> None:
         self._view = view
 
-    def begin(self, door: DoorGeometry) -> None:
+    def begin(self, door: geometry.DoorGeometry) -> None:
         """Watch an episode at a door."""
         self._door = door
         force = PULLS[door.travel > 0.0]
@@ -335,7 +331,7 @@ class Lesson(ABC):
     request: ClassVar[str]  # Text for the person during an episode.
 
     def __init__(self, task: EpisodeTask, *, drawn: bool) -> None:
-        self.task, self.door = task, DoorConfig(**task.door_config)
+        self.task, self.door = task, config.DoorConfig(**task.door_config)
         self._camera = "overview" if self.door.level else "top"
         self._made = make_environment(
             task,
@@ -409,7 +405,7 @@ class Lesson(ABC):
     def motion(self) -> Demonstration:
         """Motion and wrenches of the hand; raises a ValueError if it has not moved."""
         poses, wrenches, _ = map(np.array, zip(*self._rows, strict=True))
-        poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
+        poses[:, 3:] = rotation_paths.unwrap_rotvecs(poses[:, 3:])
         times = CONTROL_PERIOD * np.arange(len(poses))
         return Demonstration(times=times, poses=poses, wrenches=wrenches)
 
@@ -421,7 +417,7 @@ class Lesson(ABC):
         """Return the indices of samples without pauses; ValueError if empty."""
         try:
             recorded = self.motion
-            rests, times = without_rests(recorded)[1], recorded.times
+            rests, times = alignment.without_rests(recorded)[1], recorded.times
         except ValueError:
             raise ValueError(
                 "There is no demonstration: the hand did not move"
@@ -447,7 +443,7 @@ class DemonstrationLesson(Lesson):
     invitation = "Lead the hand to open the door."
     request = "Stop when the door is open far enough."
 
-    def __init__(self, name: str, door: DoorConfig, *, drawn: bool) -> None:
+    def __init__(self, name: str, door: config.DoorConfig, *, drawn: bool) -> None:
         super().__init__(episode_task(name, door, policy="gp", seed=0), drawn=drawn)
 
     def _begin(self) -> Lead:

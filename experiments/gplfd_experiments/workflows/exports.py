@@ -14,10 +14,7 @@ from jaxtyping import Float
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.robot.description import read_urdf, urdf_path
-from gplfd_env.robot.placement import base_for
-from gplfd_env.robot.robots import RobotSpec, robot_named
-from gplfd_env.robot.search import UPRIGHT, at_frame, tilt_of
+from gplfd_env.robot import description, placement, robots, search
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder, check_least
@@ -110,13 +107,13 @@ def export_skill(
         except ValueError as error:
             raise ValueError(f"--frame and --tool: {error}") from error
         path = path.seen_from(np.array([*frame[:3], *turns[0]]), turns[1])
-        name, tilt = "base", np.array([tilt_of(turns[0])])
+        name, tilt = "base", np.array([search.tilt_of(turns[0])])
     moved = np.linalg.norm(np.diff(path.poses[:, :3], axis=0), axis=1)
     turned = rotation_distance(path.poses[1:, 3:], path.poses[:-1, 3:])
     soft, stiff = limits.least_stiffness, limits.greatest_stiffness
     k, k_r = np.split(path.stiffness, 2, axis=1)
     quantities = (
-        ("angle between y of --frame and up", ("",), tilt, 0.0, UPRIGHT, "deg"),
+        ("angle between y of --frame and up", ("",), tilt, 0.0, search.UPRIGHT, "deg"),
         ("set-point's ", axes, places, low, high, "m in the task frame"),
         ("set-point's speed", ("",), moved * rate, 0.0, limits.linear_speed, "m/s"),
         ("set-point's speed", ("",), turned * rate, 0.0, limits.angular_speed, "rad/s"),
@@ -200,7 +197,7 @@ def _played(
 def dry_run(
     skill: Path,
     policy: str,
-    robot: RobotSpec,
+    robot: robots.RobotSpec,
     door: str,
     frame: Sequence[float] | None = None,
     limits: OperatorLimits | None = None,
@@ -213,21 +210,21 @@ def dry_run(
     limits = limits or OperatorLimits()
     if frame is not None:
         task = np.array([*frame[:3], *rotvecs_from_quaternions((frame[3:],))[0]])
-        if tilt_of(task[3:]) > UPRIGHT:
+        if search.tilt_of(task[3:]) > search.UPRIGHT:
             # No arm stands at such a frame; `export_skill` says so.
             return DryRun({}, np.empty((0, 3)), [])
     [(name, config)] = named_doors([door], robot=robot).items()
-    body = robot_named(robot)
+    body = robots.robot_named(robot)
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(method.open_loop(CONTROL_PERIOD).follow(learned))
     if frame is None:
-        body = body.on(base_for(config, body))
+        body = body.on(placement.base_for(config, body))
     else:
         if not body.stand:
             config = replace(config, handle_height=float(frame[2]))
         until = learned.aligned.end * learned.aligned.duration
         some = np.flatnonzero(path.times <= until)[::_APART]
-        body = at_frame(body, config, task, path.path[some], path.times[some])
+        body = search.at_frame(body, config, task, path.path[some], path.times[some])
     made = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
     )
@@ -239,7 +236,7 @@ def dry_run(
     margins = np.minimum(positions.T - low, high - positions.T).min(axis=0)
     shares = efforts_used.max(axis=1) / efforts
     near, strong = int(margins.argmin()), int(shares.argmax())
-    urdf = read_urdf(str(urdf_path(body.urdf)))
+    urdf = description.read_urdf(str(description.urdf_path(body.urdf)))
     bounds = [urdf.joint_map[joint].limit for joint in body.arm]
     velocities = [getattr(bound, "velocity", None) or np.inf for bound in bounds]
     lowest, highest = np.reshape(limits.workspace, (2, 3))

@@ -8,8 +8,7 @@ from typing import Any
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.figures.drawing import FIGURES, draw_figure
 from gplfd_experiments.analysis.figures.style import POLICY, Material
-from gplfd_experiments.console.arguments import check_folder, check_least
-from gplfd_experiments.console.progress import progress_bar
+from gplfd_experiments.console import arguments, progress
 from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import episode_task, named_doors
@@ -26,12 +25,12 @@ def draw_figures(
         raise ValueError(
             f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
         )
-    check_least("--seed", seed, 0)
-    check_folder(folder)
+    arguments.check_least("--seed", seed, 0)
+    arguments.check_folder(folder)
     write_json(folder / "figures.json", provenance(options))
     chosen = [name for name in FIGURES if not only or name in only]
     runs = material([door for name in chosen for door in FIGURES[name].doors], seed)
-    bar = progress_bar(chosen, desc="figures", unit="figure")
+    bar = progress.progress_bar(chosen, desc="figures", unit="figure")
     for name in bar:
         bar.set_postfix_str(name)
         draw_figure(name, runs, folder)
@@ -49,7 +48,7 @@ def material(doors: Iterable[str], seed: int) -> Material:
     demonstrations, logs = build.demonstrations_of(plain), {}
     if tasks:
         learned = build.learned_agents(tasks[0], policy_named(POLICY), demonstrations)
-    for task in progress_bar(tasks, desc="episodes", unit="door"):
+    for task in progress.progress_bar(tasks, desc="episodes", unit="door"):
         agent = learned()
         with contextlib.closing(build.make_environment(task, agent.control)) as env:
             logs[task.door] = rollout(

@@ -16,8 +16,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env.doors.config import DoorConfig, door_config
-from gplfd_env.robot.robots import robot_named
-from gplfd_env.robot.urdf import chosen
+from gplfd_env.robot import robots, urdf
 from gplfd_experiments.console import arguments
 from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.episodes import build
@@ -70,9 +69,9 @@ def open_doors(
         videos = video.video_paths(settings.video, [task.door for task in tasks])
         videos = {door: path.absolute() for door, path in videos.items()}
         video.check_video()
-    body = robot_named(settings.robot)
+    body = robots.robot_named(settings.robot)
     if body.search is not None:
-        LOG.info(chosen(body))
+        LOG.info(urdf.chosen(body))
     if moved := [task.door for task in tasks if task.base == "mobile"]:
         LOG.info("on the mobile base, out of reach without: %s", ", ".join(moved))
     arguments.check_folder(folder)

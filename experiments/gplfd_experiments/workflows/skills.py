@@ -10,17 +10,13 @@ from typing import Any
 from gplfd_experiments.analysis.report.page import write_report
 from gplfd_experiments.analysis.report.sections import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
-from gplfd_experiments.console.arguments import check_folder, check_least
-from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.episodes.build import open_watched
-from gplfd_experiments.episodes.leading import corrected
+from gplfd_experiments.console import arguments, progress
+from gplfd_experiments.episodes import build, leading
 from gplfd_experiments.episodes.metrics import why_closed
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
-from gplfd_experiments.files.plain_data import read_json
-from gplfd_experiments.files.table import text_table
-from gplfd_experiments.studies.engines import Engine
+from gplfd_experiments.files import plain_data, table
+from gplfd_experiments.studies import engines, runner
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
-from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.tasks import recorded_tasks
 from gplfd_experiments.teaching import lesson
 from gplfd_experiments.teaching.page import Session, serve
@@ -40,7 +36,7 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
     """
     file = npz.demonstrations_file(demonstrations)
     try:
-        config = read_json(file.with_name(CONFIGURATION))["config"]
+        config = plain_data.read_json(file.with_name(CONFIGURATION))["config"]
         files = config["demonstrations_of"].values()
         doors = zip(config["doors"], files, strict=True)
         return tuple(door for door, kept in doors if kept == file.name)
@@ -52,14 +48,14 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
     """Learn a skill from a file of demonstrations and store it in another."""
-    check_least("--seed", seed, 0)
+    arguments.check_least("--seed", seed, 0)
     method = skill_method(policy)
-    check_folder(file.parent)
+    arguments.check_folder(file.parent)
     if file.resolve() == npz.demonstrations_file(demonstrations).resolve():
         raise ValueError(f"--out {file} holds the demonstrations; give another file")
     labelled = npz.load_demonstrations(demonstrations)
     motions = labelled.demonstrations
-    LOG.info("learning from %d demonstrations", len(motions))
+    progress.LOG.info("learning from %d demonstrations", len(motions))
     target = file.absolute()  # A policy may change the working folder.
     started = time.perf_counter()
     modes = method.learn_modes(TrainingInput(demonstrations=motions, seed=seed))
@@ -75,7 +71,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     frames = {npz.FRAME: "door", npz.FIRST_POSE: "first pose"}
     movement = replace(movement, frame=frames.get(labelled.frame, "given"))
     movement.save(target)
-    LOG.info("learned (%.1f s)", time.perf_counter() - started)
+    progress.LOG.info("learned (%.1f s)", time.perf_counter() - started)
     return movement
 
 
@@ -85,7 +81,7 @@ def judge(
     *,
     policies: Sequence[str],
     reference: str,
-    engine: Engine,
+    engine: engines.Engine,
     options: Mapping[str, Any],
     columns: int | None = None,
 ) -> int:
@@ -113,10 +109,10 @@ def judge(
             f"{folder} has results of other recordings, which one report cannot mix; "
             "choose another --out"
         )
-    errors = run_or_resume(tasks, options, folder, engine, motions)
+    errors = runner.run_or_resume(tasks, options, folder, engine, motions)
     study = read_results(folder)
     write_report(study, folder, reference=reference)
-    print(text_table(overview(study.recorded), columns))
+    print(table.text_table(overview(study.recorded), columns))
 
     return errors
 
@@ -139,8 +135,8 @@ def correct_skill(
     a person in a browser. The corrected skill is written to another file after every
     correction that is kept.
     """
-    check_least("--seed", seed, 0)
-    check_folder(out.parent)
+    arguments.check_least("--seed", seed, 0)
+    arguments.check_folder(out.parent)
     if out.exists():
         raise ValueError(
             f"{out} exists, and may hold corrections; give it as the SKILL to correct "
@@ -165,9 +161,9 @@ def correct_skill(
 
 def _corrected(task: EpisodeTask, store: lesson.CorrectedSkill) -> Row:
     """Let the synthetic corrector watch an episode; return what happened."""
-    LOG.info("%s: watching", task.door)
-    agent, opened = store.method.follow(store.skill), partial(open_watched, task)
-    log, correction = corrected(agent, task.seed, task.door, opened)
+    progress.LOG.info("%s: watching", task.door)
+    agent, opened = store.method.follow(store.skill), partial(build.open_watched, task)
+    log, correction = leading.corrected(agent, task.seed, task.door, opened)
     if correction is None:
         watched = why_closed(log.failure, log.reason) or "opened alone"
         return {"door": task.door, "watched": watched, "then": "-"}

@@ -18,7 +18,6 @@ class PaperFigure(NamedTuple):
     draw: Callable[[style.Material], tuple[Figure, str]]
     """Returns the figure, and a paragraph about it, the paper's version and numbers."""
     doors: tuple[str, ...] = ()
-    """Doors whose episodes it shows."""
 
 
 FIGURES: Final[Mapping[str, PaperFigure]] = {

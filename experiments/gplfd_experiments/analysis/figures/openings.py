@@ -28,8 +28,7 @@ from gplfd_policies.registry.catalogue import make_agent
 
 SHOWN: Final = "large"
 DOORS: Final = ("small", "medium", "large", "0.42")
-_STAGES: Final = (0.1, 0.25, 0.4)
-"""Observed phases at which the posterior is shown."""
+_STAGES: Final = (0.1, 0.25, 0.4)  # Observed phases at which the posterior is shown.
 _OUTPUTS: Final = {0: "x", 2: "z"}
 _DOTTED: Final = (0, (1.0, 1.0))
 
@@ -82,7 +81,6 @@ class Opening:
     motion: slice
     """Rows of the log in which the door moves."""
     initial: GaussianTrajectory
-    """The policy before any via-point."""
     stages: tuple[GaussianTrajectory, ...]
     """The policy as adapted at each stage."""
     adaptive: Prediction

@@ -183,8 +183,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
 LEVELS: Final = (0.12, 0.45)
 """Heights of the shelves [m]."""
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
-_PER_LEVEL, _RATE = 3, 60.0
-"""Motions per shelf, and their sampling rate [Hz]."""
+_PER_LEVEL, _RATE = 3, 60.0  # Motions per shelf, and their sampling rate [Hz].
 _METHODS: Final[Mapping[str, alignment.AlignmentMethod]] = {
     "euclidean": "dtw-euclidean",
     "completion": "interpolation",

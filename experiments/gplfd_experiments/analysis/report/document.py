@@ -41,7 +41,6 @@ class Plot:
     draw: Callable[[], Figure]
     caption: str
     alternative: str
-    """Alternative text of the plot."""
 
 
 Block = Text | Table | Plot

@@ -34,9 +34,7 @@ _FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
 _GRID: Final = "#e6e9ee"
 _BAR: Final[Look] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
 _DOTS: Final[Look] = {"linestyle": "none", "mew": 0, "alpha": 0.35, "zorder": 2}
-"""Style of single results."""
-_FEWEST, _MOST = 3, 5
-"""Number of panels in a row."""
+_FEWEST, _MOST = 3, 5  # Number of panels in a row.
 _PANEL_ROW, _TRIAL_ROW = 1.35, 0.15
 """Height of a row of panels, and of a row of dots [inch]."""
 

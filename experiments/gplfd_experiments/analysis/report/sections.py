@@ -238,7 +238,6 @@ _VERDICTS: Final = {
     "harms": "worse with it",
     "open": "no significant difference",
 }
-"""Results of a contrast."""
 
 
 def trial_sections(results: reading.StudyResults, reference: str) -> list[Section]:
@@ -442,13 +441,11 @@ _PREDICTED: Final = {
     **measures.RECORDED_MEASURES,
     **measures.FORCE_MEASURES,
 }
-"""Measures of predictions by metric."""
 _SUMMARY: Final = (
     *("nlpd", "rmse_position_m", "rmse_rotation_rad", "coverage_95"),
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m", "online_25_coverage_95"),
 )
-"""Measures in the summary of recordings."""
 _NOTE: Final = (
     "Medians. NLPD: negative log predictive density, in natural units of metres and "
     "radians, of forces in newtons and newton metres; less is better. Inside: share of "

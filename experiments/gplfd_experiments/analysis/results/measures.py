@@ -55,7 +55,6 @@ class Measure:
     """Whether it is defined for opened doors only; without a grasp there is no
     force."""
     share: bool = False
-    """Whether it is a share of episodes."""
     better: Literal["less", "more"] = "less"
 
     @property

@@ -7,16 +7,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_env.doors.config import DoorConfig, door_config
-from gplfd_env.doors.disturbance import disturbance_named
-from gplfd_env.doors.randomization import door_randomization
+from gplfd_env.doors import config, disturbance, randomization
 from gplfd_experiments.analysis.results.statistics import Key
 from gplfd_experiments.data.teacher import Habits, TeacherConfig
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import entry, read_json
-from gplfd_experiments.studies.settings import Condition
+from gplfd_experiments.studies import settings, tasks
 from gplfd_experiments.studies.store import POLICY_ERROR, STUDY, outcome, read_study
-from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
 
 TASKS: Final = "tasks"
 
@@ -26,8 +23,7 @@ NON_STANDARD: Final = "other doors"
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """Relations of doors to the demonstrated ones of their kind, in display order."""
 
-_SAME_RADIUS: Final = 1e-3
-"""Radii that differ by less count as equal [m]."""
+_SAME_RADIUS: Final = 1e-3  # Radii that differ by less count as equal [m].
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -59,7 +55,7 @@ class TaskResult:
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str
     """Source of a policy that is not part of this project; else ""."""
-    condition: Condition | None
+    condition: settings.Condition | None
     """Condition that this task shares with others in the same table; None for a
     learning test on the user's recordings."""
 
@@ -189,8 +185,8 @@ def read_results(*folders: Path) -> StudyResults:
     return StudyResults(
         study=study,
         episodes=tuple(r for r in results if isinstance(r, EpisodeResult)),
-        tests=tuple(r for r in results if isinstance(r.task, SkillTask)),
-        recorded=tuple(r for r in results if isinstance(r.task, RecordedTask)),
+        tests=tuple(r for r in results if isinstance(r.task, tasks.SkillTask)),
+        recorded=tuple(r for r in results if isinstance(r.task, tasks.RecordedTask)),
         unreadable=tuple(unreadable),
     )
 
@@ -215,7 +211,7 @@ def _reason(file: Path, error: Exception) -> str:
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return the result in a file; raise an error if it is invalid."""
     definition = entry(record, "task", dict[str, Any])
-    task = task_from(definition)
+    task = tasks.task_from(definition)
     types = typing.get_type_hints(type(task))
     for name in definition:
         entry(definition, name, types[name])
@@ -244,15 +240,15 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
     if not isinstance(task, EpisodeTask):
         return TaskResult(metrics=metrics, **shared)
 
-    disturbance_named(task.disturbance)
+    disturbance.disturbance_named(task.disturbance)
     Habits(**(task.habits or {}))
-    door = door_config(dict(task.door_config))
+    door = config.door_config(dict(task.door_config))
     if error:
         metrics = {} if lost else _CLOSED_BY_ERROR
     radius = metrics.get("radius", door.radius)
     demonstrated: dict[str, Any] = dict(task.demonstrated_kind or {})
     split = UNDEMONSTRATED
-    if door != DoorConfig(radius=door.radius, **demonstrated):
+    if door != config.DoorConfig(radius=door.radius, **demonstrated):
         split = NON_STANDARD
     elif any(abs(radius - taught) < _SAME_RADIUS for taught in task.demonstrated_radii):
         split = DEMONSTRATED
@@ -266,20 +262,20 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         metrics=metrics,
         radius=radius,
         demonstrations=str(record.get("demonstrations", "")),
-        drawn=door_randomization(task.randomization).radius is not None,
+        drawn=randomization.door_randomization(task.randomization).radius is not None,
         split=split,
         door_kind=f"{motion}{door.handle}{latch}, {door.swing}{side}",
         **shared,
     )
 
 
-def _condition(task: TaughtTask) -> Condition:
+def _condition(task: TaughtTask) -> settings.Condition:
     """Return the condition that a task shares with others of its table."""
     noise = TeacherConfig(**task.teacher).wobble_position_std
     shared: dict[str, Any] = {"randomization": "none"}
-    for field in fields(Condition):
+    for field in fields(settings.Condition):
         if (value := getattr(task, field.name, None)) is not None:
             of_file = isinstance(value, Mapping)
             shared[field.name] = json.dumps(value) if of_file else value
     ratio = round(noise / TeacherConfig().wobble_position_std, 6)
-    return Condition(teacher_noise=ratio, **shared)
+    return settings.Condition(teacher_noise=ratio, **shared)
