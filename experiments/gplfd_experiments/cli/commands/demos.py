@@ -7,13 +7,7 @@ from typing import Annotated, Any, Final, Literal, Union
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    All,
-    Quiet,
-    learn_command,
-    next_command,
-    recorded,
-)
+from gplfd_experiments.cli.commands import options
 from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.workflows.settings import RecordSettings
@@ -41,8 +35,8 @@ class Import(ImportSettings):
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
     """Replace an existing set."""
 
-    all: All = False
-    quiet: Quiet = False
+    all: options.All = False
+    quiet: options.Quiet = False
 
     def __post_init__(self) -> None:
         """Check nothing; `execute` does."""
@@ -65,7 +59,7 @@ class Import(ImportSettings):
         if warnings := sum(note.warning for motion in motions for note in motion.notes):
             print(f"notes marked with ! that need attention: {warnings}")
         print(f"look at them:     {self.out / PICTURE}")
-        print(f"learn from them:  {learn_command(self.out)}")
+        print(f"learn from them:  {options.learn_command(self.out)}")
         return 0
 
 
@@ -124,7 +118,7 @@ class Record(RecordSettings):
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Data set to write; results/demos/POLICY-v0 by default."""
 
-    quiet: Quiet = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Record the data set and print its location."""
@@ -132,10 +126,10 @@ class Record(RecordSettings):
         from gplfd_experiments.workflows.runs import record_dataset
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
-        options = recorded(self) | {"out": folder.name}
-        number = record_dataset(folder, self, options)
+        stored = options.recorded(self) | {"out": folder.name}
+        number = record_dataset(folder, self, stored)
         print(f"{number} {'episode' if number == 1 else 'episodes'} in {folder}")
-        print(f"look at them:  {next_command('demos', 'inspect', folder)}")
+        print(f"look at them:  {options.next_command('demos', 'inspect', folder)}")
         return 0
 
 
@@ -146,7 +140,7 @@ class Inspect:
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATASET")]
     """Folder that `gplfd demos record` wrote."""
 
-    all: All = False
+    all: options.All = False
 
     def execute(self) -> int:
         """Print the contents."""

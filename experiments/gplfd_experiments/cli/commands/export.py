@@ -65,11 +65,7 @@ class Export(OperatorLimits):
 
     def execute(self) -> int:
         """Write the files and print their contents."""
-        from gplfd_experiments.workflows.exports import (
-            LimitsExceededError,
-            dry_run,
-            export_skill,
-        )
+        from gplfd_experiments.workflows import exports
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
@@ -80,17 +76,17 @@ class Export(OperatorLimits):
             raise ValueError("--door goes with --robot, the robot of the dry run")
         exceeded: Sequence[str] = ()
         if self.robot is not None:
-            where = self.robot, self.door, self.frame
-            summary, _, exceeded = dry_run(self.skill, self.policy, *where, self)
+            place = self.robot, self.door, self.frame, self
+            summary, _, exceeded = exports.dry_run(self.skill, self.policy, *place)
             print("\n".join(f"{name}: {value}" for name, value in summary.items()))
         try:
-            path, about = export_skill(
+            path, about = exports.export_skill(
                 *(self.skill, outs, self.policy, self.rate, self.frame, self.tool),
                 limits=self,
                 exceeded=exceeded,
                 allow=self.allow,
             )
-        except LimitsExceededError as error:
+        except exports.LimitsExceededError as error:
             for sentence in error.args:
                 print(f"gplfd: {sentence}", file=sys.stderr)
             print("gplfd: nothing is written; --allow writes it", file=sys.stderr)

@@ -9,15 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    FAILED,
-    All,
-    Json,
-    Quiet,
-    next_command,
-    open_command,
-    recorded,
-)
+from gplfd_experiments.cli.commands import options
 from gplfd_experiments.workflows.settings import RunSettings
 
 
@@ -35,9 +27,9 @@ class Run(RunSettings):
     """Folder to write to; by default results/POLICY-seedSEED, or with a number behind
     it if that exists."""
 
-    all: All = False
-    json: Json = False
-    quiet: Quiet = False
+    all: options.All = False
+    json: options.Json = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Open the doors and print a table; `FAILED` if the policy raised an error."""
@@ -58,18 +50,18 @@ class Run(RunSettings):
         folder = self.out or folder
         # Output of a policy is kept out of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr), folder_in_use(folder) as used:
-            rows = open_doors(self, used, recorded(self))
+            rows = open_doors(self, used, options.recorded(self))
         if late := late_decisions(rows):
             LOG.warning("warning: %s: %s", self.policy, late)
-        status = FAILED if any("error" in row for row in rows) else 0
+        status = options.FAILED if any("error" in row for row in rows) else 0
         if self.json:
             print(json_text(rows))
             return status
         print(text_table(run_table(rows), None if self.all else FIRST))
         doors = [row["door"] for row in rows if "error" not in row]
         if doors:
-            door = "medium" if "medium" in doors else doors[0]
-            print(f"\nlook at it:  {next_command('view', folder / f'{door}.rrd')}")
+            file = folder / f"{'medium' if 'medium' in doors else doors[0]}.rrd"
+            print(f"\nlook at it:  {options.next_command('view', file)}")
         return status
 
 
@@ -112,7 +104,7 @@ class Learn:
     seed: int = 0
     """Seed of random numbers in learning, 0 or more."""
 
-    quiet: Quiet = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Learn, and print how to use the file."""
@@ -127,5 +119,5 @@ class Learn:
             print("no doors are opened with it: import with --frame hinge for that")
             return 0
         doors = demonstrated_doors(self.demonstrations)
-        print(f"open doors with it:  {open_command(out, doors, self.policy)}")
+        print(f"open doors with it:  {options.open_command(out, doors, self.policy)}")
         return 0

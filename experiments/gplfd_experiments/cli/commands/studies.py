@@ -8,16 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    FAILED,
-    ON_THIS_MACHINE,
-    All,
-    Json,
-    Quiet,
-    Where,
-    next_command,
-    recorded,
-)
+from gplfd_experiments.cli.commands import options
 from gplfd_experiments.studies.settings import PRESETS, TABLE_1_NAME, StudySettings
 
 
@@ -45,10 +36,10 @@ class Benchmark:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
     """Folder to write to; an unfinished study in it is resumed."""
 
-    where: Where = ON_THIS_MACHINE
-    all: All = False
-    json: Json = False
-    quiet: Quiet = False
+    where: options.Where = options.ON_THIS_MACHINE
+    all: options.All = False
+    json: options.Json = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
@@ -65,12 +56,12 @@ class Benchmark:
         with naming(Path(self.config)) if from_file else contextlib.nullcontext():
             settings = checked(self.study)
         self.where.check()
-        options = dataclasses.asdict(settings) | recorded(self)
-        del options["study"]
+        stored = dataclasses.asdict(settings) | options.recorded(self)
+        del stored["study"]
         study = tasks(settings)
         with folder_in_use(self.out) as folder:
             write_settings(folder / "study.toml", settings)
-            errors = run_or_resume(study, options, folder, self.where)
+            errors = run_or_resume(study, stored, folder, self.where)
             parts, rows = write_tables(folder, settings)
         if self.json:
             print(json_text(rows))
@@ -79,9 +70,9 @@ class Benchmark:
             for part in parts:
                 text = part if isinstance(part, str) else text_table(part, columns)
                 print(f"{text}\n")
-            report = next_command("report", self.out)
+            report = options.next_command("report", self.out)
             print(f"results are in {self.out}; compare them:  {report}")
-        return FAILED if errors else 0
+        return options.FAILED if errors else 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,9 +102,9 @@ class Trials:
     """Robot that opens the doors: tiago-like, panda-like, ur5e-like, or a .urdf or
     .json of an arm."""
 
-    where: Where = ON_THIS_MACHINE
-    json: Json = False
-    quiet: Quiet = False
+    where: options.Where = options.ON_THIS_MACHINE
+    json: options.Json = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Run the trials; as JSON, print trials.json as `gplfd report` writes it."""
@@ -132,13 +123,13 @@ class Trials:
         )
         self.where.check()
         with folder_in_use(self.out) as folder:
-            errors = run_or_resume(tasks, recorded(self), folder, self.where)
+            errors = run_or_resume(tasks, options.recorded(self), folder, self.where)
         if self.json:
             print(json_text(trial_answers(read_results(folder))))
         else:
-            report = next_command("report", self.out)
+            report = options.next_command("report", self.out)
             print(f"results are in {self.out}; read them:  {report}")
-        return FAILED if errors else 0
+        return options.FAILED if errors else 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -165,9 +156,9 @@ class SkillTests:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/skill")
     """Folder to write to; unfinished tests in it are resumed."""
 
-    where: Where = ON_THIS_MACHINE
-    all: All = False
-    quiet: Quiet = False
+    where: options.Where = options.ON_THIS_MACHINE
+    all: options.All = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Run the tests, print a table; return `FAILED` if a method cannot learn."""
@@ -182,11 +173,11 @@ class SkillTests:
                 policies=self.policies,
                 reference=self.reference,
                 engine=self.where,
-                options=recorded(self) | {"recordings": self.recordings.name},
+                options=options.recorded(self) | {"recordings": self.recordings.name},
                 columns=None if self.all else FIRST,
             )
         print(f"{self.out / 'report.html'} and report.md")
-        return FAILED if errors else 0
+        return options.FAILED if errors else 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -237,7 +228,7 @@ class Report:
                 print(problem)
             if not problems:
                 print(f"the results follow protocol v{VERSION}")
-            return FAILED if problems else 0
+            return options.FAILED if problems else 0
         if self.rows is not None:
             write_rows(self.rows, results)
         page = write_report(results, self.folders[0], self.out, self.reference)
@@ -246,7 +237,7 @@ class Report:
         if missing := unfinished(results):
             LOG.warning("warning: %s", missing)
         print(f"{page} and {page.with_suffix('.md')}")
-        return 0 if any(not result.error for result in results.all) else FAILED
+        return 0 if any(not result.error for result in results.all) else options.FAILED
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -266,13 +257,13 @@ class Figures:
     seed: int = 0
     """Seed of teacher, policy, environment and synthetic sets, 0 or more."""
 
-    quiet: Quiet = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Draw the figures and print their location."""
         from gplfd_experiments.workflows.figures import draw_figures
 
-        options = recorded(self)
-        number = draw_figures(self.out, self.only, seed=self.seed, options=options)
+        stored = options.recorded(self)
+        number = draw_figures(self.out, self.only, seed=self.seed, options=stored)
         print(f"{number} figures and captions.md in {self.out}")
         return 0

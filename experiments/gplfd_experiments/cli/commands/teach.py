@@ -7,12 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    Quiet,
-    learn_command,
-    open_command,
-    recorded,
-)
+from gplfd_experiments.cli.commands import options
 
 Device = Literal["mouse", "keyboard", "spacemouse"]
 """Input device of a person who leads the hand in the browser."""
@@ -59,10 +54,10 @@ class Teach(PageOptions):
         page = self.page(self.device)
         from gplfd_experiments.teaching.page import teach
 
-        number = teach(self.doors, self.out, options=recorded(self), **page)
+        number = teach(self.doors, self.out, options=options.recorded(self), **page)
         print(f"{number} demonstration{'s' * (number != 1)} in {self.out}")
         if number:
-            print(f"learn from them:  {learn_command(self.out)}")
+            print(f"learn from them:  {options.learn_command(self.out)}")
         return 0
 
 
@@ -94,7 +89,7 @@ class Correct(PageOptions):
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """New file of the corrected skill, SKILL-corrected.npz by default."""
 
-    quiet: Quiet = False
+    quiet: options.Quiet = False
 
     def execute(self) -> int:
         """Correct the skill, and print what changed."""
@@ -117,6 +112,6 @@ class Correct(PageOptions):
             print("\nnothing was corrected, and nothing written")
             return 0
         print(f"\n{out}: {skill}")
-        again = open_command(out, self.doors, self.policy)
+        again = options.open_command(out, self.doors, self.policy)
         print(f"open them with it:  {again}")
         return 0
