@@ -19,7 +19,6 @@ from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.movements.skill import fit_skill
 
 OUTPUTS: Final = ("$x$", "$y$", "$z$", "$θu_x$", "$θu_y$", "$θu_z$")
-UNITS: Final = ("m", "m", "m", "rad", "rad", "rad")
 _MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
 X, Z = 0, 2
 PLANE: Final = (X, Z)
@@ -63,7 +62,7 @@ def fig06(material: Material) -> tuple[Figure, str]:
             style.note(rows[0, output], 0.5, f"{magnified} × enlarged", **look)
         middle, half = 0.5 * (low + high), 0.5 * span / magnified
         rows[0, output].set_ylim(middle - half, middle + half)
-        title = f"{OUTPUTS[output]} [{UNITS[output]}]"
+        title = f"{OUTPUTS[output]} [{'m' if output < 3 else 'rad'}]"
         rows[0, output].set(title=title, xlabel="time [s]")
         rows[2, output].set_xlabel("phase")
     for row, text in zip(rows, ("recorded", "aligned", "policy, 95 %"), strict=True):

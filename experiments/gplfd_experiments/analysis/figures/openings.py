@@ -213,13 +213,7 @@ _LINEAR: Final = 0.03
 """The axis of -dσ/dt is linear up to this value and logarithmic beyond [m/s]."""
 _TICKS: Final = (-0.02, 0.0, 0.02, 0.1, 1.0)
 _MARK: Final[Mapping[str, Any]] = {"marker": "v", "linestyle": "", "markersize": 5.0}
-_DOT: Final[Mapping[str, Any]] = {
-    "marker": "o",
-    "linestyle": "",
-    "markersize": 1.7,
-    "markeredgewidth": 0.0,
-    "zorder": 3,
-}
+_DOT: Final[Mapping[str, Any]] = {"marker": "o", "ls": "", "ms": 1.7, "mew": 0.0}
 _INTERVENTION: Final = 1e-6
 """The governor intervenes if the stiffness is this far below the profile [N/m]."""
 
@@ -242,8 +236,8 @@ def draw_door(
         stiffness.plot(log.times, by_law[:, output], **dashed)
         stiffness.plot(log.times, log.decisions.stiffness[:, output], color=colour)
         # A dot per control step without interpolation.
-        fall.plot(log.times, falls[:, output], color=colour, **_DOT)
-        use.plot(log.times, used[:, output], color=colour, **_DOT)
+        fall.plot(log.times, falls[:, output], color=colour, zorder=3, **_DOT)
+        use.plot(log.times, used[:, output], color=colour, zorder=3, **_DOT)
     stiffness.set_ylim(0.0, 540.0)
     fall.axhline(tight, color=style.LIMIT)
     fall.axhline(printed, color=style.LIMIT, linestyle=":")

@@ -294,14 +294,6 @@ def fig03(material: Material) -> tuple[Figure, str]:
 _GRID, _COARSE_GRID = PHASES[::2], PHASES[::20]
 _STRONG, _WEAK = (0.3, 0.04, 0.001), (0.7, -0.04, 0.03)
 """Phase, shift from the demonstrations' mean [m], standard deviation [m]."""
-_ERROR_BAR: Final[Mapping[str, Any]] = {
-    "marker": "o",
-    "markersize": 3.0,
-    "elinewidth": 0.9,
-    "capsize": 2.0,
-    "color": style.TRUTH,
-    "zorder": 5,
-}
 _FAR: Final = 0.95
 """Beyond it, a via-point at phase 0.7 should change nothing: the end is fixed."""
 
@@ -361,7 +353,9 @@ def fig04(material: Material) -> tuple[Figure, str]:
         for via_point in via_points:
             half = float(ndtri(0.975)) * float(np.asarray(via_point.std)[HEIGHT])
             pose = via_point.pose[HEIGHT]
-            panel.errorbar(via_point.phase, pose, half, **_ERROR_BAR)
+            bar: dict[str, Any] = {"marker": "o", "ms": 3.0, "elinewidth": 0.9}
+            bar |= {"capsize": 2.0, "color": style.TRUTH, "zorder": 5}
+            panel.errorbar(via_point.phase, pose, half, **bar)
     style.name_panels(panels, titles.values())
     panels[0].set(xlim=(0.0, 1.0), ylabel="height [m]")
 

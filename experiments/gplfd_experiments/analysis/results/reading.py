@@ -224,6 +224,16 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
     if git is not None:
         edited = " with edits" if git.get("dirty") else ""
         code.insert(0, f"commit {str(git.get('commit'))[:12]}{edited}")
+    # What the task shares with others of its table.
+    condition, common = None, dict[str, Any](randomization="none")
+    if isinstance(task, TaughtTask):
+        for field in fields(settings.Condition):
+            if (value := getattr(task, field.name, None)) is not None:
+                of_file = isinstance(value, Mapping)
+                common[field.name] = json.dumps(value) if of_file else value
+        noise, usual = TeacherConfig(**task.teacher), TeacherConfig()
+        ratio = round(noise.wobble_position_std / usual.wobble_position_std, 6)
+        condition = settings.Condition(teacher_noise=ratio, **common)
     shared: dict[str, Any] = {
         "task": task,
         "pair": replace(task, policy="", policy_source=None).key,
@@ -235,7 +245,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "policy_source": ", ".join(
             f"{name} {value}" for name, value in (task.policy_source or {}).items()
         ),
-        "condition": _condition(task) if isinstance(task, TaughtTask) else None,
+        "condition": condition,
     }
     if not isinstance(task, EpisodeTask):
         return TaskResult(metrics=metrics, **shared)
@@ -267,15 +277,3 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         door_kind=f"{motion}{door.handle}{latch}, {door.swing}{side}",
         **shared,
     )
-
-
-def _condition(task: TaughtTask) -> settings.Condition:
-    """Return the condition that a task shares with others of its table."""
-    noise = TeacherConfig(**task.teacher).wobble_position_std
-    shared: dict[str, Any] = {"randomization": "none"}
-    for field in fields(settings.Condition):
-        if (value := getattr(task, field.name, None)) is not None:
-            of_file = isinstance(value, Mapping)
-            shared[field.name] = json.dumps(value) if of_file else value
-    ratio = round(noise / TeacherConfig().wobble_position_std, 6)
-    return settings.Condition(teacher_noise=ratio, **shared)
