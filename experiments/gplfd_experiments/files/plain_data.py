@@ -1,8 +1,4 @@
-"""Plain data in text files, JSON and TOML, with one error for all damage.
-
-A file may be truncated or edited by hand. The types of its values are checked when
-`entry` returns them.
-"""
+"""Plain data in JSON and TOML: one error for all damage, types checked by `entry`."""
 
 import contextlib
 import json

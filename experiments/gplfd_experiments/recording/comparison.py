@@ -1,8 +1,4 @@
-"""Several policies at the same door, side by side in one recording.
-
-Every robot stands at its own door, in a row, and all move on the same clock. Each
-policy has a colour for its robot's label, the path of its hand and its curves.
-"""
+"""Several policies at the same door, side by side in one recording, on one clock."""
 
 import copy
 import math

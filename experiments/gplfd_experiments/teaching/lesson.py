@@ -66,11 +66,8 @@ class TaughtSet:
 
     def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
         check_folder(folder)
-        if (
-            folder.exists()
-            and any(folder.iterdir())
-            and not (folder / _FOLDER).exists()
-        ):
+        names = [path.name for path in folder.glob("*")]
+        if names and _FOLDER not in names:
             raise ValueError(
                 f"{folder} exists and is no set of gplfd demos teach; give another "
                 "folder"

@@ -30,10 +30,7 @@ from gplfd_policies.registry.method import TrainingInput
 
 
 def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
-    """Return the doors of a `gplfd run` or `demos teach`, as given by ``--doors``.
-
-    Empty for demonstrations that are not in the folder of such a command.
-    """
+    """Return the ``--doors`` of the run or lesson of demonstrations; else nothing."""
     file = npz.demonstrations_file(demonstrations)
     try:
         config = plain_data.read_json(file.with_name(CONFIGURATION))["config"]
@@ -85,10 +82,7 @@ def judge(
     options: Mapping[str, Any],
     columns: int | None = None,
 ) -> int:
-    """Leave each recording out in turn, let every method predict it, write a report.
-
-    It prints the first columns of a table, or all, and returns the number of errors.
-    """
+    """Predict each recording from the others; print, report, return how many errors."""
     motions = npz.load_demonstrations(recordings).demonstrations
     if len(motions) < FEWEST:
         raise ValueError(

@@ -34,11 +34,7 @@ _DOTTED: Final = (0, (1.0, 1.0))
 
 
 def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
-    """Show an agent the observations of a logged episode, row by row, as it is asked.
-
-    Nothing is simulated. The agent of the log repeats its decisions; between decisions,
-    `expectation` returns its forecast.
-    """
+    """Yield an agent's decisions as it is shown the observations of an episode."""
 
     def observation(row: int) -> Observation:
         names = ("ee_pose", "ee_twist", "joint_pos", "joint_vel")

@@ -9,10 +9,8 @@ from typing import Final
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
 from gplfd_experiments.analysis.report import document, sections
 from gplfd_experiments.analysis.report.document import Block, Plot, Section, Text, code
-from gplfd_experiments.analysis.results import measures
+from gplfd_experiments.analysis.results import measures, trials
 from gplfd_experiments.analysis.results.reading import StudyResults
-from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
-from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.store import PLANNED
@@ -45,9 +43,9 @@ def write_report(
     for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    answers = trial_answers(results)
+    answers = trials.trial_answers(results)
     if answers["trials"]:
-        write_json(folder / ANSWERS, answers, indent=None)
+        write_json(folder / trials.FILE, answers, indent=None)
     return folder / HTML
 
 

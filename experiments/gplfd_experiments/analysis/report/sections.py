@@ -1,7 +1,4 @@
-"""The sections of a report: a function per question, which a table answers.
-
-Opened doors, trials, and predictions, also for every mark of Table 1 of the paper.
-"""
+"""The sections of a report: a function per question, which a table answers."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
