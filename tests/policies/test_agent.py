@@ -81,8 +81,9 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
 
 
 @pytest.mark.parametrize("radius", [0.35, 0.65])
-def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
+def test_rendered_stiffness_keeps_the_stability_bound(skill, radius, monkeypatch):
     """Recomputed from K alone, by condition (2), not from what the governor reports."""
+    monkeypatch.setattr("gplfd_policies.control.compliance._STD_TIME", 0.0)
     steps, _ = ideal_door(agent_of(skill, via_spacing=0.2), radius, 600)
     frames, gamma = stacked(steps, "frame"), 70.0
 
@@ -95,6 +96,14 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
     assert excess(stacked(steps, "stiffness")) < 0.0
     # Ungoverned it would be crossed: rare via-points drop the uncertainty at once.
     assert excess(DEFAULT_PROFILE.stiffness(stacked(steps, "std"), frames)) > 0.0
+
+
+def test_via_points_change_uncertainty_and_stiffness_in_small_steps(skill):
+    steps, _ = ideal_door(agent_of(skill), 0.5, 600)
+    moving = stacked(steps, "observed_phase") > 0.03
+    changes = np.diff(stacked(steps, "stiffness")[moving, :3], axis=0)
+    assert sum(step.via_point for step in steps) > 40
+    assert np.abs(changes).max() < 10.0
 
 
 def test_fig10_compliance_towards_the_hinge_rises_to_the_end(skill):

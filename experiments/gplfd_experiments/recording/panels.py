@@ -89,7 +89,7 @@ TABS: Final = {
         Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
         Plot("size", "Size [% of demonstrated], ±1.96 σ", limits=(40, 200)),
     ),
-    # Values of the control loop in every period: σ drops at every via-point.
+    # Values of the control loop in every period.
     "Unsmoothed, rates": (
         *_along_and_across("uncertainty_raw", "σ {} [mm]"),
         *_along_and_across("uncertainty_rate", "dσ/dt {} [mm/s]"),

@@ -123,18 +123,13 @@ class GriddedMovements:
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
         """Return means and standard deviations at one phase in [0, 1] per row."""
-        both = self._interpolated(phases, rows)
+        both = self.moments_at(phases, rows)
         return both[..., :6], both[..., 6:12]
 
-    def horizontal_covariance(
+    def moments_at(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
-    ) -> Float[Numbers, "*S"]:
-        """Return the covariance of x and z [m²] at one phase in [0, 1] per row."""
-        return self._interpolated(phases, rows)[..., 12]
-
-    def _interpolated(
-        self, phases: Float[Numbers, "*S"], rows: Rows
     ) -> Float[np.ndarray, "*S 13"]:
+        """Return means, standard deviations, and the covariance of x and z [m²]."""
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]

@@ -38,6 +38,8 @@ from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])  # direction of the path before the first step
 _UNITS: Final = np.eye(3)
+_STD_TIME: Final = 0.2
+"""Time constant of the σ that sets the stiffness, two intervals of via-points [s]."""
 _HELD: Final = 1e-3
 """Length of the last direction added to the chord of a path that stands still [m]."""
 
@@ -128,6 +130,7 @@ class _SetPoint(NamedTuple):
     velocity: Vectors  # of the poses [m/s]
     chord: Vectors  # of the path ahead [m]
     std: Axes  # σ of the movements at these phases [m, rad]
+    level: PerRow  # covariance of x and z there [m²]
 
 
 class ComplianceController:
@@ -149,7 +152,8 @@ class ComplianceController:
         self._via_noise = np.repeat(config.via_std, 3)
         self._command_phase, self._observed_phase = np.zeros(shape), np.zeros(shape)
         self._last_via = np.zeros(shape)
-        self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
+        # σ, settled, and with the lag of the hand; NaN before the first step.
+        self._settled, self._std = np.full((2, *shape, 6), np.nan)
         self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
         self._offset = np.zeros((*shape, 6))  # of the set-point from the mean
 
@@ -161,6 +165,7 @@ class ComplianceController:
                 part.reset(rows)
         for phase in (self._command_phase, self._observed_phase, self._last_via):
             phase[rows] = 0.0
+        self._settled[rows] = np.nan
         self._std[rows] = np.nan
         self._tangent[rows] = _PULL
         self._offset[rows] = 0.0
@@ -307,15 +312,16 @@ class ComplianceController:
         self._command_phase[rows] = phase
         turn_phase = np.minimum(phase, observed_phase + config.max_turn_lead)
         phases = np.array([*look_ahead(phase, phase), turn_phase])
-        means, stds = movements.at(phases, rows)
-        chord = means[2, ..., :3] - means[1, ..., :3]
-        desired = means[0]
-        desired[..., 3:] = means[3, ..., 3:]
+        moments = movements.moments_at(phases, rows)
+        chord = moments[2, ..., :3] - moments[1, ..., :3]
+        desired = moments[0, ..., :6]
+        desired[..., 3:] = moments[3, ..., 3:6]
         remaining = config.settling_time / (period + config.settling_time)
         offset = self._offset[rows] = remaining * self._offset[rows]
         velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
         poses = movements.hand_poses(desired + offset, rows)
-        return _SetPoint(phase, poses, velocity, chord, stds[0])
+        std, level = moments[0, ..., 6:12], moments[0, ..., 12]
+        return _SetPoint(phase, poses, velocity, chord, std, level)
 
     def _stiffen(
         self, target: _SetPoint, path_lag: PerRow, direction: Vectors, rows: Rows
@@ -331,9 +337,13 @@ class ComplianceController:
             if learned is not None:
                 tangent = learned.direction_at(target.phase, tangent)
             frame = path_frame(tangent)
-            level = self._movements.horizontal_covariance(target.phase, rows)
-            std = directional_std(frame, std, level)
+            std = directional_std(frame, std, target.level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
+        # Every via-point reduces σ at once, and then it grows again.
+        before = self._settled[rows]
+        before = np.where(np.isnan(before), std, before)
+        share = period / (period + _STD_TIME)
+        self._settled[rows] = std = before + share * (std - before)
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
         previous = self._std[rows]
         previous = np.where(np.isnan(previous), std, previous)
