@@ -100,7 +100,7 @@ def test_a_range_changes_the_draws_of_no_other(fields, other, seed):
 def test_draws_are_uniform_and_independent():
     """Mean, variance and all correlations, within about 4 standard errors."""
     widest = DoorRandomization(**DOOR_FIELDS, **WIDTHS, longest_delay=10)
-    rng, n = np.random.default_rng(0), 4000
+    rng, n = np.random.default_rng(0), 2500
     rows = [drawn_numbers(widest.sample(DoorConfig(), rng)) for _ in range(n)]
     spans = DOOR_FIELDS | {name: (-width, width) for name, width in WIDTHS.items()}
     spans["base_x"] = spans["base_y"] = spans.pop("base_position")

@@ -59,6 +59,7 @@ def test_an_arm_opens_a_door_within_its_limits(
     assert np.all(efforts > 0.0), "joint efforts are limited as in the URDF"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("door", ["small", "large"])
 def test_a_searched_stance_serves_the_whole_opening(door, start_env, opening_poses):
     env = start_env(door, id=ENVIRONMENT_ID, robot=UR5E)

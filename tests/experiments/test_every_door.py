@@ -50,15 +50,10 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path):
     assert levers.radii == (0.53, 0.53, 0.65, 0.65, 0.78, 0.78)
     together = EpisodeLog.load(out / "room-584.npz")
     # Alone or beside doors of another kind, an episode is the same.
-    out = tmp_path / "alone"
     given = ("--policy", "promp", "--doors", "room-584")
     assert gplfd("run", *given, "--out", "alone") == 0
-    alone = EpisodeLog.load(out / "room-584.npz")
+    alone = EpisodeLog.load(tmp_path / "alone" / "room-584.npz")
     np.testing.assert_array_equal(alone.motion.ee_pose, together.motion.ee_pose)
-    assert sorted(file.name for file in out.iterdir()) == [
-        *("demonstrations.npz", "metrics.json", "room-584.npz", "room-584.rrd"),
-        "run.json",
-    ]
 
 
 @pytest.mark.usefixtures("small_plots")

@@ -165,6 +165,7 @@ def test_a_pause_holds_the_closer_and_lost_samples_lose_their_wrench():
     assert_array_equal(part.wrenches, whole.wrenches[kept])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", SIZES)
 def test_each_variation_has_its_size_and_axes(field):
     """In axes along the path, up, and along the leaf."""

@@ -12,6 +12,8 @@ from gplfd_policies import POLICIES, AlignedDemonstrations, TrainingInput
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.demonstrations.aligned import WITHIN, partition
 
+pytestmark = pytest.mark.slow
+
 PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
 
 
