@@ -462,14 +462,16 @@ class Episodes(Episode):
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
         """Update the episodes; those not `stepped` keep their state, without reward."""
+        if stepped is None:
+            super().advance(values)
+            return
         # Arrays are never modified in place: copies of the records are enough.
         before = self.readings, mapped(lambda entry: entry, self.progress)
         super().advance(values, stepped)
-        if stepped is not None:
-            before[1].terms = self._terms(0.0, 0.0, False)
-            now = self.readings, self.progress
-            kept = mapped(lambda new, old: where(stepped, new, old), now, before)
-            self.readings, self.progress = kept
+        before[1].terms = self._terms(0.0, 0.0, False)
+        now = self.readings, self.progress
+        kept = mapped(lambda new, old: where(stepped, new, old), now, before)
+        self.readings, self.progress = kept
 
     def info(self) -> Info:
         """Return the infos as new arrays (n, ...)."""

@@ -209,9 +209,6 @@ class CompliantAgent:
         return self.movement.trajectory()
 
 
-Mask = np.ndarray  # boolean, (N,); it is checked
-
-
 class AgentBatch:
     """N agents in lockstep, one per row, each with its own door; called one by one."""
 
@@ -225,11 +222,13 @@ class AgentBatch:
         for agent, door in zip(self._agents, doors, strict=True):
             agent.inform(door)
 
-    def reset(self, observations: Observation, mask: Mask | None = None) -> None:
+    def reset(self, observations: Observation, mask: np.ndarray | None = None) -> None:
         """Reset the agents of the mask (N,), or all, at the closed, grasped door."""
         self._reset(observations, rows_of(mask, len(self._agents)))
 
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
+    def act(
+        self, observations: Observation, mask: np.ndarray | None = None
+    ) -> AgentStep:
         """Return the next commands of the agents of the mask (N,), or of all."""
         rows = rows_of(mask, len(self._agents))
         steps = self._decide(observations, rows).among(rows, self._actions)

@@ -236,13 +236,6 @@ class PathSimilarity:
             angle_variance=left / distance**2,
         )
 
-    @property
-    def scale(self) -> Sizes:
-        """(ν + δ²)/(ν + n), at least the mean's share: factor on the covariances."""
-        free = self.model.config.scale_weight
-        scale = (free + self.squared_innovations) / (free + self.count)
-        return np.maximum(scale, self.model.least_scale)
-
     @cached_property
     def features(self) -> Float[np.ndarray, "9 K"]:
         """Quantities of the likely sizes c that the estimate of the phase needs.
@@ -269,9 +262,12 @@ class PathSimilarity:
     def posterior(self) -> SizePosterior:
         """The likely sizes given the path, on a finer grid."""
         config, grid = self.model.config, self.model.log_sizes
-        # p(c, path) is a Student-t density, because the scale is estimated.
-        scale = self.scale
-        misfit = (config.scale_weight + self.count) * np.log(scale)
+        # (ν + δ²)/(ν + n), at least the mean's share: factor on the covariances, with
+        # which p(c, path) is a Student-t density.
+        free = config.scale_weight + self.count
+        scale = (config.scale_weight + self.squared_innovations) / free
+        scale = np.maximum(scale, self.model.least_scale)
+        misfit = free * np.log(scale)
         log_weights = -0.5 * (_STEPS**2 + self.log_variance + misfit)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
