@@ -264,6 +264,6 @@ def test_a_frame_out_of_reach_says_where_it_is_in_reach(
     assert status_at(far) == cli.BAD_INPUT
     assert list(tmp_path.iterdir()) == []
     message = capsys.readouterr().err
-    shift = re.search(r"stays \[(.*)\] m of", message)[1].split(",")
+    shift = re.search(r"stays \[(.*)\] m away", message)[1].split(",")
     # A little more than it says, where the arm is stretched.
     assert status_at(far - 1.5 * np.array(shift, dtype=float)) == 0
