@@ -52,6 +52,7 @@ def drawn(doors, make_log):
     def draw(name):
         with pytest.MonkeyPatch.context() as patch, style.paper_style():
             patch.setattr("gymnasium.make", simulate)
+            patch.setattr(synthetic, "_SETS", 3)
             patch.setattr("gplfd_experiments.episodes.rollout.rollout", simulate)
             return FIGURES[name].draw(given)
 

@@ -1,12 +1,15 @@
 """The scripts of benchmarks/: speed, pictures and films, and the leaderboard."""
 
 import dataclasses
+import functools
 import importlib
 import json
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import tyro
@@ -41,7 +44,9 @@ def test_times_are_per_operation_and_without_preparation(monkeypatch):
     np.testing.assert_allclose(times["b"], np.full((2, 2), 4.0))
 
 
-def test_environment_agents_and_vectors_are_measured():
+def test_environment_agents_and_vectors_are_measured(monkeypatch):
+    make = functools.partial(speed.gym.make, max_episode_steps=60)
+    monkeypatch.setattr(speed, "gym", SimpleNamespace(make=make, make_vec=gym.make_vec))
     rows = [*speed.vectors(1, counts=(2,)), *speed.agents(1, count=2, periods=4)]
     values = {what: float(measured.split()[0]) for what, measured in rows}
     assert min(values.values()) > 0.0
