@@ -311,7 +311,8 @@ class ComplianceController:
         phase_rate = (phase - command_phase) / period
         self._command_phase[rows] = phase
         turn_phase = np.minimum(phase, observed_phase + config.max_turn_lead)
-        phases = np.array([*look_ahead(phase, phase), turn_phase])
+        end = np.minimum(phase + LOOK_AHEAD, 1.0)
+        phases = np.array([phase, end - LOOK_AHEAD, end, turn_phase])
         moments = movements.moments_at(phases, rows)
         chord = moments[2, ..., :3] - moments[1, ..., :3]
         desired = moments[0, ..., :6]
