@@ -191,7 +191,7 @@ class ConditionedProcess:
         self._observed += new.observed
         self._distance += alone * alone / precision
         self._sequential += float(new.whitened @ new.whitened)
-        self._log_variance += 2.0 * new.log_root
+        self._log_variance += 2.0 * float(np.sum(np.log(np.diag(new.root))))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""

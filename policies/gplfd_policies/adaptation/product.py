@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
 from gplfd_policies.gp.exact import ExactGP, factorise
 from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
@@ -96,10 +97,8 @@ class ProductAdaptation:
 
     @property
     def mean(self) -> Outputs:
-        """Current mean on the grid, a read-only view."""
-        view = self._means.view()
-        view.setflags(write=False)
-        return view
+        """Current mean on the grid, read-only."""
+        return read_only(self._means)
 
     @property
     def std(self) -> Outputs:

@@ -53,11 +53,6 @@ class Innovation(NamedTuple):
         missed = np.where(observed, missed, 0.0)
         return cls(observed, root, inverse_root, inverse_root @ missed)
 
-    @property
-    def log_root(self) -> float:
-        """Logarithm of the determinant of L."""
-        return float(np.sum(np.log(self.root[_DIAGONAL])))
-
 
 def conditioned(
     mean: Float[np.ndarray, " N"],

@@ -227,7 +227,6 @@ class SpectralEvidence:
         )
         self.basis, self.size = basis, len(times)
         self.projected = orthogonal.T @ whitened  # u = Qᵀ N^(−½) y
-        # ρ² = ‖N^(−½) y − Q u‖²
         self.residual = float(np.sum((whitened - orthogonal @ self.projected) ** 2))
         self.log_noise = float(np.sum(np.log(noise)))
 

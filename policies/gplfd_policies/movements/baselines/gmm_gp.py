@@ -112,7 +112,6 @@ class Evidence:
         samples = regression.standardisation.apply(aligned.poses[:, chosen])
         average, self.count = samples.mean(axis=0), len(samples)
         mean, _ = regression.standardised_moments(self.times)
-        # Average minus m(t), phase by phase, and sum of squares about the average.
         self.residual = (average - mean).ravel()
         self.scatter = float(np.sum((samples - average) ** 2))
 

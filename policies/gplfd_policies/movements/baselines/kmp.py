@@ -148,18 +148,15 @@ class Reference:
         beyond = np.maximum(1.0 - np.sum(rows**2, axis=1), 0.0)
         within = np.maximum(np.sum((rows @ self._blocks) * rows, axis=2).T, 0.0)
         mean = rows @ self._weights.reshape(6, -1).T
-        return mean, self._amplitude * (beyond[:, None] + within)
+        amplitude = len(self.phases) / self.config.covariance_regularisation
+        return mean, amplitude * (beyond[:, None] + within)
 
     def covariance(self, times: Times) -> Covariances:
         """Covariance between phases of every output, Eq. (26)."""
         rows = self.features(times)
         beyond = self._kernel(times, times) - rows @ rows.T
         covariance: np.ndarray = beyond + rows @ self._blocks @ rows.T
-        return self._amplitude * covariance
-
-    @property
-    def _amplitude(self) -> float:
-        return len(self.phases) / self.config.covariance_regularisation
+        return len(self.phases) / self.config.covariance_regularisation * covariance
 
     @property
     def _blocks(self) -> Float[np.ndarray, "6 R R"]:

@@ -90,9 +90,9 @@ class DiscreteTimeGP(MomentMovement):
             missed[3:] = rotvec_jacobian(mean[0, 3:]) @ turn
             noise, along = np.maximum(noise, self._white), np.asarray(via_point.along)
             seen, new = seen.given(places, missed, noise, along)
-            constant = np.log(2.0 * np.pi) * np.count_nonzero(new.observed)
-            misfit = constant + new.whitened @ new.whitened
-            log_evidence -= 0.5 * float(misfit) + new.log_root
+            misfit = np.log(2.0 * np.pi) * np.count_nonzero(new.observed)
+            misfit += new.whitened @ new.whitened
+            log_evidence -= float(0.5 * misfit + np.log(np.diag(new.root)).sum())
         return replace(self, seen=seen, log_evidence=log_evidence)
 
     def places(self, times: Times) -> Places:
@@ -155,8 +155,7 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "MixtureOfDiscreteTimeGPs":
         """The mixture given further via-points: Gaussians and weights."""
-        asked = [point for point in via_points if np.isfinite(point.own_variance).any()]
-        return replace(self, modes=tuple(mode.adapt(asked) for mode in self.modes))
+        return replace(self, modes=tuple(mode.adapt(via_points) for mode in self.modes))
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the most probable mode; of the largest in a tie."""
