@@ -1,5 +1,6 @@
-"""Every command opens a door of every kind, alone and together."""
+"""Every command opens a door of every kind, from either start, alone and together."""
 
+import itertools
 import json
 
 import numpy as np
@@ -25,10 +26,13 @@ def pushed(tmp_path):
     (tmp_path / "pushed.json").write_text(json.dumps(PUSHED))
 
 
-@pytest.mark.parametrize("door", [*KINDS.values(), "pushed.json"])
-def test_run_opens_it(gplfd, tmp_path, door):
+@pytest.mark.parametrize(
+    ("door", "start"),
+    zip([*KINDS.values(), "pushed.json"], itertools.cycle(["approach", "grasped"])),
+)
+def test_run_opens_it(gplfd, tmp_path, door, start):
     out = tmp_path / "run"
-    given = ("--doors", door, "--start", "approach", "--policy", "oracle")
+    given = ("--doors", door, "--start", start, "--policy", "oracle")
     assert gplfd("run", *given, "--out", str(out)) == 0
     (metrics,) = json.loads((out / "metrics.json").read_text())
     assert metrics["success"], metrics
