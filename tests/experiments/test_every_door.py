@@ -28,7 +28,7 @@ def pushed(tmp_path):
 
 @pytest.mark.parametrize(
     ("door", "start"),
-    zip([*KINDS.values(), "pushed.json"], itertools.cycle(["approach", "grasped"])),
+    [*zip([*KINDS.values(), "pushed.json"], itertools.cycle(["approach", "grasped"]))],
 )
 def test_run_opens_it(gplfd, tmp_path, door, start):
     out = tmp_path / "run"

@@ -86,7 +86,8 @@ def test_json_has_everything_with_units_and_origin(exported, skill_file):
     aligned, end = skill.aligned, skill.predict(np.ones(1)).std[0]
     assert entries["demonstrated_until_s"] == aligned.end * aligned.duration
     drift = (1.0 - aligned.end) * aligned.drift
-    np.testing.assert_allclose(samples["std"][-1], np.hypot(end, drift))
+    # What sets the stiffness follows it, with a delay.
+    np.testing.assert_allclose(samples["std"][-1], np.hypot(end, drift), rtol=1e-5)
 
 
 def test_a_bag_is_read_back_bit_for_bit(exported):

@@ -83,7 +83,7 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
 @pytest.mark.parametrize("radius", [0.35, 0.65])
 def test_rendered_stiffness_keeps_the_stability_bound(skill, radius, monkeypatch):
     """Recomputed from K alone, by condition (2), not from what the governor reports."""
-    monkeypatch.setattr("gplfd_policies.control.compliance._STD_TIME", 0.0)
+    monkeypatch.setattr("gplfd_policies.control.compliance._STD_TIMES", (0.0, 0.0))
     steps, _ = ideal_door(agent_of(skill, via_spacing=0.2), radius, 600)
     frames, gamma = stacked(steps, "frame"), 70.0
 

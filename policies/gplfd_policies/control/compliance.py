@@ -38,8 +38,8 @@ from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])  # direction of the path before the first step
 _UNITS: Final = np.eye(3)
-_STD_TIME: Final = 0.2
-"""Time constant of the σ that sets the stiffness, two intervals of via-points [s]."""
+_STD_TIMES: Final = 0.05, 0.2
+"""Time constants of the σ that sets the stiffness, as it rises and as it falls [s]."""
 _HELD: Final = 1e-3
 """Length of the last direction added to the chord of a path that stands still [m]."""
 
@@ -340,10 +340,11 @@ class ComplianceController:
             frame = path_frame(tangent)
             std = directional_std(frame, std, target.level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
-        # Every via-point reduces σ at once, and then it grows again.
+        # Every via-point reduces σ at once, and then it grows again. A fall, which
+        # stiffens, is followed more slowly than a rise, which softens.
         before = self._settled[rows]
         before = np.where(np.isnan(before), std, before)
-        share = period / (period + _STD_TIME)
+        share = period / (period + np.where(std > before, *_STD_TIMES))
         self._settled[rows] = std = before + share * (std - before)
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
         previous = self._std[rows]
