@@ -12,6 +12,7 @@ import pytest
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes import build
+from gplfd_experiments.episodes.metrics import PROGRESS, episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines import Engine
@@ -62,6 +63,11 @@ def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path, monke
     final = math.radians(metrics["final_angle_deg"])
     assert log.opening.door_angle[-1] == pytest.approx(final)
     assert log.seed == study[2].seed
+    # A study takes only the forecasts that are scored.
+    every = jobs.episode_log(study[1])
+    assert len(every.forecasts.times) > 5 * len(PROGRESS)
+    scored = episode_metrics(every)["forecast_error_mm"]
+    assert together["metrics"]["forecast_error_mm"] == scored
 
 
 @pytest.fixture

@@ -73,6 +73,9 @@ def test_tables_of_robots_are_written_into_their_pages(monkeypatch, tmp_path):
     page = (tmp_path / "skill-to-robot.md").read_text()
     assert "\n| None | no | – | none.urdf" in page
     assert (page[:2], page[-3:]) == ("a\n", "\nb\n")
+    (tmp_path / "skill-to-robot.md").write_text("a\n")
+    with pytest.raises(ValueError, match=r"skill-to-robot\.md has no table between"):
+        robots.arms(tmp_path)
 
 
 @pytest.mark.parametrize("trial", TRIALS)

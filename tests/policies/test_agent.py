@@ -98,6 +98,14 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius, monkeypatch
     assert excess(DEFAULT_PROFILE.stiffness(stacked(steps, "std"), frames)) > 0.0
 
 
+def test_an_episode_begins_as_the_first_whatever_was_before(skill):
+    agent = agent_of(skill)
+    first, _ = ideal_door(agent, 0.5, 60)
+    again, _ = ideal_door(agent, 0.5, 60)
+    assert_array_equal(stacked(again, "stiffness"), stacked(first, "stiffness"))
+    assert_array_equal(stacked(again, "std"), stacked(first, "std"))
+
+
 def test_via_points_change_uncertainty_and_stiffness_in_small_steps(skill):
     steps, _ = ideal_door(agent_of(skill), 0.5, 600)
     moving = stacked(steps, "observed_phase") > 0.03

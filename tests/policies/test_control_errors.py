@@ -1,5 +1,6 @@
 """What the settings of controller, phase and handles refuse, and how they say it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +58,7 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
         (PAPER_DYNAMICS, {"mass": np.zeros(6)}, "mass must be positive"),
         (PAPER_DYNAMICS, {"least_damping": -ONES}, "least_damping not negative"),
         (STEP, {"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
+        (STEP, {"action": math.nan}, r"AgentStep\.action .* \(6,\), got \(\)"),
         (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
     ],
 )

@@ -13,6 +13,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     advance,
     normalised,
+    size_and_heading,
     size_visibility,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
@@ -43,19 +44,19 @@ def aligned():
 
 
 def seen(similarity, noise):
-    """Posterior after half of an arc of 0.5 m, with errors of the positions [m]."""
+    """The estimate after half of an arc of 0.5 m, with errors of the positions [m]."""
     rng = np.random.default_rng(1)
     path = arc(0.5)[TIMES <= 0.5][:, [0, 2]]
     for x, z in path + noise * rng.normal(size=path.shape):
         similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
-    return similarity.posterior
+    return similarity
 
 
-def moments(posterior):
-    """Mean and standard deviation of the logarithm of size."""
-    sizes, weights = posterior.log_sizes, posterior.weights
-    mean = np.average(sizes, weights=weights)
-    return mean, np.sqrt(np.average((sizes - mean) ** 2, weights=weights))
+def inferred(similarity):
+    """Mean and σ of the logarithm of size, heading and its σ [rad]."""
+    weights = similarity.posterior.weights
+    size, *others = size_and_heading(weights, similarity.features)
+    return np.log(size), *others
 
 
 def test_demonstrations_are_brought_to_one_size_and_heading():
@@ -117,7 +118,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     size = (expected * model.log_sizes).sum()
     std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
     posterior = similarity.posterior
-    assert_allclose(moments(posterior), (size, std), atol=0.04 * std)
+    assert_allclose(inferred(similarity)[:2], (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
     paths, turns = posterior.forecast(ahead)
     of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(
@@ -131,8 +132,12 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
 def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
     similarity = SimilarityModel.of(aligned).prior()
     rough, clean = (seen(similarity, noise) for noise in (3e-3, 2e-4))
-    assert moments(clean)[1] < 0.8 * moments(rough)[1]
-    assert (clean.scale < 0.9 * rough.scale).all()
+    assert inferred(clean)[1] < 0.8 * inferred(rough)[1]
+    assert (clean.posterior.scale < 0.9 * rough.posterior.scale).all()
+    # Nothing is known of the heading before, and more with every position.
+    prior = inferred(similarity)[2:]
+    assert prior == pytest.approx((0.0, SimilarityConfig().heading_std))
+    assert inferred(rough)[3] < 0.9 * prior[1]
 
 
 @pytest.mark.parametrize("count", [1, 2, 12])

@@ -72,8 +72,7 @@ def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     door, path = DoorGeometry.of(log.config), log.opening.handle_pose
     true = door.hand_poses(log.opening.door_angle, log.opening.handle_angle)
     logged, seen = _plane(true), _plane(path)
-    # A path straight up has no direction in the plane.
-    turn = np.vdot(logged - logged[0], seen - seen[0]) or 1.0
+    turn = np.vdot(logged - logged[0], seen - seen[0])
     wanted = door.hand_poses(angles)
     placed = seen[0] + turn / abs(turn) * (_plane(wanted) - logged[0])
     height = path[0, 1] + (wanted[:, 1] - true[0, 1])
