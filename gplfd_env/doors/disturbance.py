@@ -19,11 +19,11 @@ from gplfd_env.doors.presets import preset_table
 from gplfd_env.validation.fields import Quantities, choice, draw_ranges, quantity
 from gplfd_env.validation.named import preset, record_of
 
-Number = Any
+NumberOrRange = Any
 """A number, or the range (low, high) from which every episode draws it."""
 Target = Literal["hand", "forearm", "door"]
 """What a push acts on."""
-Held = Literal["hand", "door"]
+HeldByPerson = Literal["hand", "door"]
 """What a person holds or stands in the way of."""
 Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
@@ -49,17 +49,17 @@ class Push(Quantities):
     ``"door"`` at the handle, where only `along` has an effect."""
     profile: Profile = choice("half_sine", Profile)
     """``"half_sine"``, or ``"constant"``."""
-    along: Number = _number(0.0, **_FORCES)
+    along: NumberOrRange = _number(0.0, **_FORCES)
     """Greatest force along the opening motion."""
-    outward: Number = _number(0.0, **_FORCES)
+    outward: NumberOrRange = _number(0.0, **_FORCES)
     """Greatest force away from the hinge."""
-    upward: Number = _number(0.0, **_FORCES)
+    upward: NumberOrRange = _number(0.0, **_FORCES)
     """Greatest force upwards."""
-    start_angle: Number = _number(0.0, **_ANGLES)
+    start_angle: NumberOrRange = _number(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
-    start_time: Number = _number(0.0, **_TIMES)
+    start_time: NumberOrRange = _number(0.0, **_TIMES)
     """It begins this long after the reset."""
-    duration: Number = _number(0.3, **_DURATIONS)
+    duration: NumberOrRange = _number(0.3, **_DURATIONS)
     """How long it lasts."""
 
 
@@ -72,25 +72,25 @@ class Person(Quantities):
     ties it to where it took hold. It moves along the handle's circle only.
     """
 
-    on: Held = choice("hand", Held)
+    on: HeldByPerson = choice("hand", HeldByPerson)
     """What is held: the robot's hand or the door at its handle."""
     one_sided: bool = choice(False, Literal[False, True])
     """Whether the person only stands in the way and never pulls."""
-    start_angle: Number = _number(0.0, **_ANGLES)
+    start_angle: NumberOrRange = _number(0.0, **_ANGLES)
     """Angle at which the person takes hold, or at which the blocking hand is."""
-    start_time: Number = _number(0.0, **_TIMES)
+    start_time: NumberOrRange = _number(0.0, **_TIMES)
     """Earliest time at which the person takes hold."""
-    duration: Number = _number(2.5, **_DURATIONS)
+    duration: NumberOrRange = _number(2.5, **_DURATIONS)
     """From taking hold, or the first touch, to letting go."""
-    hand_mass: Number = _number(0.6, unit="kg", low=0.1, high=5.0)
+    hand_mass: NumberOrRange = _number(0.6, unit="kg", low=0.1, high=5.0)
     """Mass of the person's hand."""
-    contact_stiffness: Number = _number(75e3, unit="N/m", low=1e3, high=100e3)
+    contact_stiffness: NumberOrRange = _number(75e3, unit="N/m", low=1e3, high=100e3)
     """Contact stiffness between the person's hand and what it touches."""
-    contact_damping: Number = _number(80.0, unit="N s/m", low=0.0, high=400.0)
+    contact_damping: NumberOrRange = _number(80.0, unit="N s/m", low=0.0, high=400.0)
     """Contact damping between the person's hand and what it touches."""
-    arm_stiffness: Number = _number(1000.0, unit="N/m", low=0.0, high=5000.0)
+    arm_stiffness: NumberOrRange = _number(1000.0, unit="N/m", low=0.0, high=5000.0)
     """Stiffness of the person's arm."""
-    arm_damping: Number = _number(50.0, unit="N s/m", low=0.0, high=200.0)
+    arm_damping: NumberOrRange = _number(50.0, unit="N s/m", low=0.0, high=200.0)
     """Damping of the person's arm."""
 
 
@@ -98,9 +98,9 @@ class Person(Quantities):
 class Stop(Quantities):
     """The door does not open further, because somebody is behind it or it is locked."""
 
-    angle: Number = _number(0.0, unit="rad", low=0.0, high=math.radians(95.0))
+    angle: NumberOrRange = _number(0.0, unit="rad", low=0.0, high=math.radians(95.0))
     """Greatest opening angle while the stop acts; 0 is a locked door."""
-    duration: Number = _number(1000.0, **_DURATIONS)
+    duration: NumberOrRange = _number(1000.0, **_DURATIONS)
     """From the door's first contact (within half a degree) until it is free."""
 
 
@@ -113,15 +113,15 @@ class Bump(Quantities):
     modelled.
     """
 
-    forward: Number = _number(0.0, unit="m", low=-0.05, high=0.05)
+    forward: NumberOrRange = _number(0.0, unit="m", low=-0.05, high=0.05)
     """Permanent displacement along the base's x axis."""
-    left: Number = _number(0.0, unit="m", low=-0.05, high=0.05)
+    left: NumberOrRange = _number(0.0, unit="m", low=-0.05, high=0.05)
     """Permanent displacement along the base's y axis."""
-    start_angle: Number = _number(0.0, **_ANGLES)
+    start_angle: NumberOrRange = _number(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
-    start_time: Number = _number(0.0, **_TIMES)
+    start_time: NumberOrRange = _number(0.0, **_TIMES)
     """It begins this long after the reset."""
-    duration: Number = _number(0.3, **_DURATIONS)
+    duration: NumberOrRange = _number(0.3, **_DURATIONS)
     """How long the base moves (a minimum-jerk motion)."""
 
 
@@ -129,11 +129,11 @@ class Bump(Quantities):
 class Breakaway(Quantities):
     """A hinge that sticks before it first moves, and a seal near the frame."""
 
-    stiction: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
+    stiction: NumberOrRange = _number(0.0, unit="N m", low=0.0, high=50.0)
     """Additional friction of the hinge until the door has moved by half a degree."""
-    seal: Number = _number(0.0, unit="N m", low=0.0, high=50.0)
+    seal: NumberOrRange = _number(0.0, unit="N m", low=0.0, high=50.0)
     """Closing torque of the seal at the closed door; zero at `seal_angle`."""
-    seal_angle: Number = _number(
+    seal_angle: NumberOrRange = _number(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
     """Where the leaf leaves the seal."""

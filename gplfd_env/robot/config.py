@@ -40,7 +40,7 @@ class Stance:
     """Greatest height at which the handle can be held during the whole motion [m]."""
 
 
-Held = Handle | Literal["level-bar"]
+HeldHandle = Handle | Literal["level-bar"]
 """What the hand holds: a handle, or the level bar of a flap."""
 
 
@@ -49,14 +49,14 @@ class StanceGroup(NamedTuple):
 
     base: Base
     swing: Swing
-    held: Held
+    held: HeldHandle
     hinge_side: HingeSide
 
     @classmethod
     def of(cls, door: DoorConfig, base: Base) -> "StanceGroup":
         """Return the group of doors to which a door belongs."""
         side: HingeSide = "right" if door.level else door.hinge_side
-        held: Held = "level-bar" if door.level else door.handle
+        held: HeldHandle = "level-bar" if door.level else door.handle
         return cls(base, door.swing, held, side)
 
 

@@ -29,7 +29,7 @@ from gplfd_env.robot.placement import task_rotation_w
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
-Axes = list[list[float]]
+Matrix = list[list[float]]
 """Three unit vectors."""
 SPEED: Final = (1.0, 2.09)
 """Greatest speed of the base [m/s, rad/s]."""
@@ -62,7 +62,7 @@ class BaseDrive:
         self, hand: tuple[float, float], door: DoorConfig, robot: RobotConfig
     ) -> None:
         self._hand = hand
-        self._axes: Axes = task_rotation_w(door, robot).T.tolist()
+        self._axes: Matrix = task_rotation_w(door, robot).T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -112,7 +112,7 @@ class BaseDrive:
         return self._slowed >= BLOCKED_TIME - 1e-9
 
 
-def led_by(hand: list[float], closed: tuple[float, float], axes: Axes) -> Planar:
+def led_by(hand: list[float], closed: tuple[float, float], axes: Matrix) -> Planar:
     """Return the target of the base, world frame, for a pose of the hand (6,).
 
     It is relative to the closed grasp, where the hand is at `closed` [m]; `axes` are

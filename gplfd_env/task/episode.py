@@ -47,9 +47,9 @@ from gplfd_env.task.observation import (
     DoorReading,
     Hand,
     Observation,
-    Reader,
+    Sensors,
+    Triple,
     Values,
-    Vector,
     Wrench,
 )
 from gplfd_env.task.opening import (
@@ -108,7 +108,7 @@ class Progress:
     opening: OpeningMonitor
     stage: Number  # Furthest stage, an index into `STAGES`.
     diagnosis: Diagnosis
-    grasp_point: Vector  # Grasped point in the handle's frame [m].
+    grasp_point: Triple  # Grasped point in the handle's frame [m].
     terms: dict[str, Number]  # Terms of the last step's reward.
     simulation_error: Flag  # MuJoCo has reset a diverged state.
 
@@ -131,7 +131,7 @@ class DisturbanceEffects(NamedTuple):
     push_force: Number = 0.0
     person_force: Number = 0.0
     person_energy: Number = 0.0
-    base_shift: Vector = (0.0, 0.0, 0.0)
+    base_shift: Triple = (0.0, 0.0, 0.0)
     base_distance: Number = 0.0
 
 
@@ -144,7 +144,7 @@ class Episode:
     def __init__(
         self,
         command: Command,
-        reader: Reader,
+        reader: Sensors,
         reward: Reward,
         parts: Sequence[EpisodeParts],
         constants: Constants,
@@ -164,7 +164,7 @@ class Episode:
         door, placement, _ = variation.scene
         hold, command, config = robot
         kind = hold, command.control, config, door.handle, door.swing
-        reader = Reader.of(*kind, level=door.level)
+        reader = Sensors.of(*kind, level=door.level)
         rest, holds = command.resting(variation, config), variation.standoff is None
         drive = gripper = None
         if reader.odometry is not None:

@@ -34,7 +34,7 @@ from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.simulation.command import Command
 
 Observation = dict[str, Array]
-Vector = tuple[Number, Number, Number]
+Triple = tuple[Number, Number, Number]
 Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Sensor values: a list for one simulation, or an array (number, n)."""
@@ -76,7 +76,7 @@ def observation_space(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Reader:
+class Sensors:
     """Converts a sensor array to the observation and to privileged readings.
 
     `hand` is the body carried by the wrist sensor. The slices give positions in the
@@ -109,7 +109,7 @@ class Reader:
         swing: Swing = "pull",
         *,
         level: bool = False,
-    ) -> Reader:
+    ) -> Sensors:
         """Resolve sensor addresses and the hand's weight, the same for many doors."""
         door = DoorConfig(handle=handle, swing=swing)
         if level:
@@ -232,8 +232,8 @@ class Forces(NamedTuple):
 class BaseState(NamedTuple):
     """Pose and rate of the base [m, rad], [m/s, rad/s]."""
 
-    pose: Vector
-    velocity: Vector
+    pose: Triple
+    velocity: Triple
 
 
 AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -244,16 +244,16 @@ class DoorReading(NamedTuple):
 
     angle: Number  # Opening angle [rad].
     velocity: Number  # Rate of the opening angle [rad/s].
-    handle_position: Vector  # Position of the handle in the task frame [m].
-    hand_on_handle: Vector  # Position of the hand in the handle's frame [m].
+    handle_position: Triple  # Position of the handle in the task frame [m].
+    hand_on_handle: Triple  # Position of the hand in the handle's frame [m].
     forces: Forces
     grasped: Flag  # Both fingers touch the handle.
-    axes: tuple[Vector, Vector, Vector]  # Axes of the moving frame, world frame.
+    axes: tuple[Triple, Triple, Triple]  # Axes of the moving frame, world frame.
     stop_torque: Number  # Torque of the leaf against a stop [N m].
     handle_angle: Number  # Angle of a handle that turns [rad]; else 0.
     bolt: Number  # Retraction of the bolt [m]; 0 without a latch.
 
-    def handle_rotation(self, path: LeafPath) -> Vector:
+    def handle_rotation(self, path: LeafPath) -> Triple:
         """Return the handle's rotation vector: its own turn, then the leaf's [rad]."""
         about_up = path.upright * self.angle
         turned = self.handle_angle != 0.0
@@ -277,8 +277,8 @@ class Hand(NamedTuple):
     """Weight [N] beyond the wrist sensor; centre of mass and hand point from it [m]."""
 
     weight: Number
-    com: Vector
-    offset: Vector
+    com: Triple
+    offset: Triple
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:

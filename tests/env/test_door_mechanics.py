@@ -15,13 +15,13 @@ from gplfd_env.doors.hardware import EN_1154, en1154, leaf
 from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_env.task.observation import Reader
+from gplfd_env.task.observation import Sensors
 
 pytestmark = pytest.mark.slow
 
 FREE = {"hinge_friction": 0.0, "hinge_damping": 0.0}
 OFFICE = {**FREE, "radius": 0.65, "panel_mass": 30.0}
-READER = Reader.of("contact", "pose", TIAGO_LIKE)
+READER = Sensors.of("contact", "pose", TIAGO_LIKE)
 
 
 def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -106,7 +106,7 @@ def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
     data.joint("hinge").qpos = door.stop_angle
     data.joint("hinge").qfrc_applied = 50.0
     mujoco.mj_step(model, data, nstep=500)
-    reader = Reader.of("contact", "pose", TIAGO_LIKE.on(base), door.handle, door.swing)
+    reader = Sensors.of("contact", "pose", TIAGO_LIKE.on(base), door.handle, door.swing)
     reading = reader.door_reading(data.sensordata.tolist(), LeafPath())
     assert reading.angle == pytest.approx(door.stop_angle, abs=2e-3)
     assert reading.stop_torque == pytest.approx(50.0, rel=0.03)

@@ -17,9 +17,9 @@ from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_env.task.observation import Reader
+from gplfd_env.task.observation import Sensors
 
-READER = Reader.of("contact", "pose", TIAGO_LIKE)
+READER = Sensors.of("contact", "pose", TIAGO_LIKE)
 
 # Within these the medium door can be held.
 placements = st.builds(

@@ -21,7 +21,7 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.preparation import frames
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.data.teacher.motion import minimum_jerk
-from gplfd_experiments.episodes.log import PARTS, EpisodeLog, Forecasts, arrays_of
+from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
 
@@ -138,7 +138,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
 def log_of(fields: dict[str, Any]) -> EpisodeLog:
     """A log of its fields and arrays by name, forecasts with the prefix forecast_."""
     names = {field.name for field in dataclasses.fields(EpisodeLog)} - PARTS.keys()
-    forecasts = {name: fields[f"forecast_{name}"] for name in arrays_of(Forecasts)}
+    forecasts = {n: fields[f"forecast_{n}"] for n in arrays_of(PARTS["forecasts"])}
     parts: dict[str, Any] = {
         part: record.of(forecasts if part == "forecasts" else fields)
         for part, record in PARTS.items()

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.se3 import handle_pose_on_arc, relative_poses
 from gplfd_experiments.data.preparation import (
     ImportSettings,
-    Motion,
+    PreparedMotion,
     outliers,
     prepare,
 )
@@ -55,13 +55,13 @@ def door(
 
 def only(
     raw: RawRecording, settings: ImportSettings = AS_RECORDED, **changes: Any
-) -> Motion:
+) -> PreparedMotion:
     """Prepare one motion, as recorded but for some settings."""
     (motion,) = prepare([raw], replace(settings, **changes))
     return motion
 
 
-def texts(motion: Motion, *, warnings: bool | None = None) -> str:
+def texts(motion: PreparedMotion, *, warnings: bool | None = None) -> str:
     return "\n".join(n.text for n in motion.notes if warnings in (None, n.warning))
 
 

@@ -24,14 +24,14 @@ from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.teaching.lesson import (
     SPRING,
+    CameraView,
     CorrectedSkill,
     CorrectionLesson,
     DemonstrationLesson,
     Lead,
-    Person,
+    LeadingPerson,
     Taught,
     TaughtSet,
-    View,
     checked_input,
     read_taught,
     replay,
@@ -45,7 +45,7 @@ from gplfd_policies.registry.catalogue import policy_named, skill_method
 from gplfd_policies.registry.method import TrainingInput
 
 IDLE = np.zeros(9)
-TOP = View(
+TOP = CameraView(
     position=np.array([0.8, 3.0, -0.1]),
     axes=np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),
     extent=(0.6, 0.45),
@@ -214,7 +214,7 @@ class Held:
 
 def commands(door: DoorGeometry, *samples: np.ndarray) -> tuple[np.ndarray, Any]:
     """Commands while the hand rises slowly at the closed handle; the correction."""
-    person = Person(TOP)
+    person = LeadingPerson(TOP)
     agent = LedAgent(as_agent(Held()), person)
     agent.inform(door)
     agent.reset({"ee_pose": np.zeros(6)})

@@ -10,8 +10,8 @@ from sklearn.gaussian_process.kernels import Matern
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
-    Evidence,
     MixtureKernel,
+    NoiseLikelihood,
     fit_gmm_gp,
 )
 
@@ -90,7 +90,7 @@ def test_via_points_condition_it_as_any_gaussian(process):
 
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])
 def test_likelihood_gradient_equals_finite_differences(process, weight_power):
-    evidence = Evidence(process.regression, 15, weight_power)
+    evidence = NoiseLikelihood(process.regression, 15, weight_power)
     point = np.log([*np.linspace(0.1, 0.6, 6), 1e-3])
     _, gradient = evidence.negative_log_likelihood(point)
     step = 1e-5
@@ -108,7 +108,7 @@ def test_likelihood_gradient_equals_finite_differences(process, weight_power):
 def test_likelihood_is_that_of_all_demonstrations_stacked(process):
     """One function, seen D times with noise, without the reduction to averages."""
     regression = process.regression
-    evidence = Evidence(regression, 8, 1.0)
+    evidence = NoiseLikelihood(regression, 8, 1.0)
     chosen = np.searchsorted(regression.aligned.times, evidence.times)
     samples = regression.standardisation.apply(regression.aligned.poses[:, chosen])
     count = len(samples)

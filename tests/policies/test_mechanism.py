@@ -16,7 +16,7 @@ from gplfd_policies.agents.model_based import mechanism
 from gplfd_policies.agents.model_based.following import UPRIGHT
 from gplfd_policies.agents.model_based.mechanism import (
     GaussianProcess,
-    Mechanism,
+    MotionModel,
     Prismatic,
     Rotational,
 )
@@ -73,7 +73,7 @@ def fitted(poses, pull=X):
     """Every model of a path, fitted as its points arrive."""
     sides = [side for side in (X, Y, Z, -X, -Y, -Z) if side @ pull == 0.0]
     models = [
-        *(Mechanism(np.zeros(6)), Prismatic(pull, pull), GaussianProcess(poses[:1])),
+        *(MotionModel(np.zeros(6)), Prismatic(pull, pull), GaussianProcess(poses[:1])),
         *(Rotational.expected(pull, side) for side in sides),
     ]
     for count in range(1, len(poses) + 1):
@@ -85,7 +85,7 @@ def fitted(poses, pull=X):
 @pytest.mark.parametrize(
     ("door", "pull", "kind"),
     [
-        (lambda q: np.zeros(6), X, Mechanism),
+        (lambda q: np.zeros(6), X, MotionModel),
         (sliding, -Z, Prismatic),
         (lambda q: q * np.eye(6)[0], X, Prismatic),
         *((hinged(0.4, hinge), X, Rotational) for hinge in (Z, -Z, Y, -Y)),
@@ -106,7 +106,7 @@ def test_the_criterion_is_that_of_the_paper():
     poses = path(hinged(0.4), length=0.1, noise=3e-3)
     poses[4] += 0.5
     variance, n = np.repeat([1e-6, 0.04], 3), len(poses)
-    numbers = {Mechanism: (0, 6), Prismatic: (1, 8), Rotational: (1, 9)}
+    numbers = {MotionModel: (0, 6), Prismatic: (1, 8), Rotational: (1, 9)}
     for model in fitted(poses):
         degrees, k = numbers.get(type(model), (1, 1 + 1 + 6 * 5))
         errors = poses - [model.poses(model.coordinates(pose[:3])) for pose in poses]

@@ -29,8 +29,8 @@ from gplfd_policies.serving import protocol
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.protocol import (
+    Connection,
     Journal,
-    Link,
     array,
     decode,
     encode,
@@ -526,7 +526,7 @@ def test_a_client_takes_no_other_command_for_its_reply():
 def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
     near, far = socket.socketpair()
     with near, far:
-        link = Link(near.fileno(), near.fileno())
+        link = Connection(near.fileno(), near.fileno())
         far.sendall(b"a\nb")
         assert link.lines() == [b"a"]
         far.sendall(b"c\n")
@@ -537,7 +537,7 @@ def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
     for last in (b"", b"\nz\n"):
         near, far = socket.socketpair()
         with near, far:
-            link, lines = Link(near.fileno(), near.fileno()), []
+            link, lines = Connection(near.fileno(), near.fileno()), []
             far.sendall(b"a\n" + b"x" * 40000)
             lines += link.lines()
             far.sendall(b"x" * 40000 + last)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
+from gplfd_experiments.data.preparation import ImportSettings, PreparedMotion, prepare
 from gplfd_experiments.data.readers import read_files
 from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
@@ -33,7 +33,7 @@ def import_recordings(
     settings: ImportSettings,
     *,
     overwrite: bool = False,
-) -> tuple[tuple[Motion, ...], str]:
+) -> tuple[tuple[PreparedMotion, ...], str]:
     """Read motion files, prepare the motions, and write a complete set or nothing.
 
     The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
@@ -79,7 +79,9 @@ def import_recordings(
 
 
 def report(
-    motions: Sequence[Motion], settings: ImportSettings, columns: int | None = None
+    motions: Sequence[PreparedMotion],
+    settings: ImportSettings,
+    columns: int | None = None,
 ) -> str:
     """Return the settings, a row of some columns or of all per motion, and notes."""
     frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
@@ -119,7 +121,7 @@ def report(
     return "\n".join(["; ".join(done), "", table, "", *notes]).rstrip()
 
 
-def draw(motions: Sequence[Motion], path: Path) -> None:
+def draw(motions: Sequence[PreparedMotion], path: Path) -> None:
     """Write a picture: recorded motions on the left, prepared ones on the right."""
     from matplotlib.figure import Figure
 

@@ -102,10 +102,10 @@ def _segments(text: str) -> Any:
         return text
 
 
-Pose = tuple[float, ...]
+PoseNumbers = tuple[float, ...]
 """x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
 Segments = Literal["none", "rests"] | tuple[tuple[float, float], ...]
-_Pose = Annotated[Pose, of_text("POSE", numbers(POSE))]
+_Pose = Annotated[PoseNumbers, of_text("POSE", numbers(POSE))]
 _Vector = Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))]
 _Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 _Hertz = Annotated[float, tyro.conf.arg(metavar="HZ")]
@@ -165,11 +165,11 @@ class ImportSettings:
     """Centre of mass of the tool in the frame of the sensor [m]."""
     gravity: _Vector = (0.0, 0.0, -1.0)
     """Direction of gravity in the frame of the recorded poses."""
-    frame: Annotated[str | Pose, of_text("FRAME", numbers(POSE))] = "first-pose"
+    frame: Annotated[str | PoseNumbers, of_text("FRAME", numbers(POSE))] = "first-pose"
     """Frame of the resulting poses: first-pose (the first pose of each motion),
     recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
     [m]."""
-    offset: Annotated[Pose | None, of_text("POSE", numbers(POSE))] = None
+    offset: Annotated[PoseNumbers | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
     segment: Annotated[Segments, of_text("HOW", _segments)] = "none"
     """Repetitions in a recording: none, rests (the motions between them, without

@@ -18,9 +18,9 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 
-Number = Float[np.ndarray, " T"]
-Pose = Float[np.ndarray, "T 6"]
-Flag = Bool[np.ndarray, " T"]
+NumberSeries = Float[np.ndarray, " T"]
+PoseSeries = Float[np.ndarray, "T 6"]
+FlagSeries = Bool[np.ndarray, " T"]
 
 # Kind of the file, stated in it, and version of its layout.
 KIND, VERSION = "a gplfd episode log", 1
@@ -33,7 +33,7 @@ class _Arrays:
 
     def __post_init__(self) -> None:
         for name, declared in arrays_of(type(self)).items():
-            dtype = np.bool_ if declared is Flag else np.float64
+            dtype = np.bool_ if declared is FlagSeries else np.float64
             array: np.ndarray = np.array(getattr(self, name), dtype)
             object.__setattr__(self, name, array)
 
@@ -44,104 +44,104 @@ class _Arrays:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Motion(_Arrays):
+class EpisodeMotion(_Arrays):
     """Motion of the robot, and the state of the whole model."""
 
-    ee_pose: Pose
+    ee_pose: PoseSeries
     """Hand pose."""
-    ee_twist: Pose
+    ee_twist: PoseSeries
     """Hand velocity [m/s, rad/s]."""
     joint_pos: Float[np.ndarray, "T J"]
     """Arm joint positions [rad]."""
     joint_vel: Float[np.ndarray, "T J"]
     """Arm joint velocities [rad/s]."""
-    base_shift: Number
+    base_shift: NumberSeries
     """Displacement of the base [m]."""
     qpos: Float[np.ndarray, "T nq"]
     """Generalised positions of the whole model."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Opening(_Arrays):
+class EpisodeOpening(_Arrays):
     """State of the door and of the grasp."""
 
-    door_angle: Number
+    door_angle: NumberSeries
     """Opening angle of the door [rad]."""
-    handle_angle: Number
+    handle_angle: NumberSeries
     """Rotation angle of a lever or knob [rad]."""
-    handle_pose: Pose
+    handle_pose: PoseSeries
     """True pose of the handle."""
-    capability: Number
+    capability: NumberSeries
     """The furthest stage so far, an index of `gplfd_env.task.opening.STAGES`."""
-    solved: Flag
+    solved: FlagSeries
     """Whether the task counts as solved at this step."""
-    grasped: Flag
+    grasped: FlagSeries
     """Whether the hand holds the handle."""
-    slip: Number
+    slip: NumberSeries
     """Distance of the hand from where it grasped the handle [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Forces(_Arrays):
+class EpisodeForces(_Arrays):
     """Forces at the handle and from outside."""
 
-    wrench: Pose
+    wrench: PoseSeries
     """Force and torque of the door on the hand [N, N m]."""
-    force_tangential: Number
+    force_tangential: NumberSeries
     """Force of the hand on the handle along its motion [N]."""
-    force_radial: Number
+    force_radial: NumberSeries
     """Force of the hand on the handle away from the hinge [N]."""
-    force_vertical: Number
+    force_vertical: NumberSeries
     """Force of the hand on the handle upwards [N]."""
-    push_force: Number
+    push_force: NumberSeries
     """External pushing force [N]."""
-    person_force: Number
+    person_force: NumberSeries
     """Greatest force between a person and hand or door since the last step [N]."""
-    person_energy: Number
+    person_energy: NumberSeries
     """Work done on the person so far [J]."""
-    stop_force: Number
+    stop_force: NumberSeries
     """Force of the door on a stop, converted to the handle [N]."""
-    closer_torque: Number
+    closer_torque: NumberSeries
     """Closing torque of closer, seal and stiction [N m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Decisions(_Arrays):
+class EpisodeDecisions(_Arrays):
     """Decisions of the agent, as in `gplfd_policies.control.steps.AgentStep`."""
 
-    action: Pose
-    desired: Pose
+    action: PoseSeries
+    desired: PoseSeries
     frame: Float[np.ndarray, "T 3 3"]
-    std: Pose
-    std_rate: Pose
-    stiffness: Pose
-    stiffness_rate: Pose
-    stability_margin: Pose
-    contact_margin: Pose
-    compensated_load: Number
-    path_lag: Number
-    phase: Number
-    observed_phase: Number
-    phase_misfit: Number
-    path_size: Number
-    path_size_std: Number
-    heading: Number
-    heading_std: Number
-    predicted_mean: Pose
-    predicted_std: Pose
+    std: PoseSeries
+    std_rate: PoseSeries
+    stiffness: PoseSeries
+    stiffness_rate: PoseSeries
+    stability_margin: PoseSeries
+    contact_margin: PoseSeries
+    compensated_load: NumberSeries
+    path_lag: NumberSeries
+    phase: NumberSeries
+    observed_phase: NumberSeries
+    phase_misfit: NumberSeries
+    path_size: NumberSeries
+    path_size_std: NumberSeries
+    heading: NumberSeries
+    heading_std: NumberSeries
+    predicted_mean: PoseSeries
+    predicted_std: PoseSeries
     expected_force: Float[np.ndarray, "T 3"]
     expected_force_std: Float[np.ndarray, "T 3"]
-    mode: Number
-    mode_probability: Number
-    via_point: Flag
-    latency_s: Number
+    mode: NumberSeries
+    mode_probability: NumberSeries
+    via_point: FlagSeries
+    latency_s: NumberSeries
     """CPU time of the agent's decision [s]."""
-    latency_wall_s: Number
+    latency_wall_s: NumberSeries
     """Wall time of the agent's decision [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Forecasts(_Arrays):
+class EpisodeForecasts(_Arrays):
     """Forecasts of the whole motion; none of a policy without forecasts."""
 
     times: Float[np.ndarray, " S"]
@@ -153,7 +153,7 @@ class Forecasts(_Arrays):
     std: Float[np.ndarray, "S M 6"]
     """Its standard deviation [m, rad]."""
 
-    def first(self, phases: Number) -> tuple[Pose, Pose]:
+    def first(self, phases: NumberSeries) -> tuple[PoseSeries, PoseSeries]:
         """Mean and standard deviation of the first forecast at some phases.
 
         Raises an IndexError if the policy makes no forecasts.
@@ -193,13 +193,13 @@ class EpisodeLog:
     reason: str
     """Cause of the failure, as there: such as "out_of_reach", or the failure."""
 
-    times: Number
+    times: NumberSeries
     """Simulated time since reset [s]."""
-    motion: Motion
-    opening: Opening
-    forces: Forces
-    decisions: Decisions
-    forecasts: Forecasts
+    motion: EpisodeMotion
+    opening: EpisodeOpening
+    forces: EpisodeForces
+    decisions: EpisodeDecisions
+    forecasts: EpisodeForecasts
 
     def __post_init__(self) -> None:
         times = np.array(self.times, np.float64)
@@ -272,11 +272,11 @@ def arrays_of(record: type[Any]) -> dict[str, Any]:
 
 
 PARTS: Final[Mapping[str, type[_Arrays]]] = {
-    "motion": Motion,
-    "opening": Opening,
-    "forces": Forces,
-    "decisions": Decisions,
-    "forecasts": Forecasts,
+    "motion": EpisodeMotion,
+    "opening": EpisodeOpening,
+    "forces": EpisodeForces,
+    "decisions": EpisodeDecisions,
+    "forecasts": EpisodeForecasts,
 }
 """Records of arrays in a log, by field."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_experiments.episodes.log import PARTS, PER_STEP, EpisodeLog, Forecasts
+from gplfd_experiments.episodes.log import PARTS, PER_STEP, EpisodeForecasts, EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import AgentBatch, as_agent
 from gplfd_policies.control.steps import AgentStep
@@ -205,12 +205,12 @@ class ForecastRecorder:
                 values = forecast.mean, forecast.std, forecast.times
                 self._taken[row].append((now[row], *values))
 
-    def of(self, row: int) -> Forecasts:
+    def of(self, row: int) -> EpisodeForecasts:
         """Return the forecasts of an episode so far."""
         taken = zip(*self._taken[row], strict=True)
         times, means, stds, (*_, phases) = taken if self._taken[row] else _NO_FORECAST
         shape = (len(means), len(phases), 6)
-        return Forecasts(
+        return EpisodeForecasts(
             times=np.array(times),
             phases=np.array(phases),
             mean=np.reshape(means, shape),
@@ -228,7 +228,7 @@ def _timed(decide: Callable[[], AgentStep]) -> tuple[AgentStep, float, float]:
 
 def _log(
     arrays: Arrays,
-    forecasts: Forecasts,
+    forecasts: EpisodeForecasts,
     info: Mapping[str, Any],
     door_config: DoorConfig,
     truncated: bool,

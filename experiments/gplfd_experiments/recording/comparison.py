@@ -187,7 +187,7 @@ def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
         name="Door angle [deg]",
         plot_legend=rrb.Corner2D.LeftTop,
     )
-    curves = panels.Plot("radial", "Radial force [N]: against the hinge").view()
+    curves = panels.Panel("radial", "Radial force [N]: against the hinge").view()
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     below = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return rrb.Vertical(robots, below, row_shares=[5, 4])

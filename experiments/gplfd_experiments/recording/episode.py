@@ -174,11 +174,11 @@ def layout(
         events = rrb.TextLogView(origin=parts.LOG, name=name, columns=columns)
         stages = rrb.Horizontal(stages, events, column_shares=[2, 1])
         units = ", ".join(f"{kind} [{parts.KINDS[kind].unit}]" for kind in kinds)
-        outside = panels.Plot(parts.PANEL, f"From outside: {units}", from_zero=True)
+        outside = panels.Panel(parts.PANEL, f"From outside: {units}", from_zero=True)
         tabs[next(iter(tabs))].append(outside)
     if mechanisms:
         tabs["Handle, latch, closer, base"] = [
-            panels.Plot(name, parts.TITLES[name]) for name in mechanisms
+            panels.Panel(name, parts.TITLES[name]) for name in mechanisms
         ]
     left = rrb.Vertical(
         scene,

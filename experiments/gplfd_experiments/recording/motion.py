@@ -178,10 +178,10 @@ def ball(
 ) -> Chunk:
     """Return a ball above the hand [m] at the frames of the rows (T,) that have one."""
     rows = frames(log)
-    there = acts[rows]
-    positions = log.motion.ee_pose[rows[there], :3] + above
+    visible = acts[rows]
+    positions = log.motion.ee_pose[rows[visible], :3] + above
     columns = rr.Points3D.columns(positions=positions, **looks)
-    return moving(entity, log.times[rows], columns.partition(there.astype(int)))
+    return moving(entity, log.times[rows], columns.partition(visible.astype(int)))
 
 
 def _so_far(

@@ -39,7 +39,7 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-class Plot(NamedTuple):
+class Panel(NamedTuple):
     """A panel of all time series below an entity; a legend would hide curves."""
 
     entity: str
@@ -63,31 +63,31 @@ class Plot(NamedTuple):
 
 def _along_and_across(
     entity: str, title: str, limits: tuple[float, float] | None = None
-) -> tuple[Plot, ...]:
+) -> tuple[Panel, ...]:
     """Panels of both directions side by side, because σ differs tenfold."""
     return tuple(
-        Plot(f"{entity}/{axis}", title.format(axis), limits is None, limits)
+        Panel(f"{entity}/{axis}", title.format(axis), limits is None, limits)
         for axis in AXES
     )
 
 
 TABS: Final = {
     "Uncertainty and stiffness": (
-        Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
+        Panel("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
         *_along_and_across("uncertainty", "1. Uncertainty σ {} [mm]"),
         *_along_and_across("stiffness", "2. Stiffness k {} [N/m]"),
-        Plot(
+        Panel(
             "force", "3. Force [N]: along green, compensated violet, radial red", True
         ),
-        Plot(
+        Panel(
             "expected", "4. Force along [N]: expected violet ±1.96 σ, measured yellow"
         ),
     ),
     "Motion and policy": (
-        Plot("x", "x, pull [m]: true green, hand yellow, policy violet, before blue"),
-        Plot("z", "z, across it [m], ±1.96 σ"),
-        Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
-        Plot("size", "Size [% of demonstrated], ±1.96 σ", limits=(40, 200)),
+        Panel("x", "x, pull [m]: true green, hand yellow, policy violet, before blue"),
+        Panel("z", "z, across it [m], ±1.96 σ"),
+        Panel("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
+        Panel("size", "Size [% of demonstrated], ±1.96 σ", limits=(40, 200)),
     ),
     # Values of the control loop in every period.
     "Unsmoothed, rates": (
@@ -96,7 +96,7 @@ TABS: Final = {
         *_along_and_across("stiffness_raw", "Stiffness k {} [N/m]"),
         # Negative during softening.
         *_along_and_across("stability", "dk/dt {} [% of its bound]", (-40.0, 110.0)),
-        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", True),
+        Panel("misfit", "Misfit of the phase: 1 expected, 3 lost", True),
     ),
 }
 """Panels of every recording, by tab; those of a quantity are side by side."""

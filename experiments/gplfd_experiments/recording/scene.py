@@ -23,7 +23,7 @@ from gplfd_experiments.recording.stream import frames, moving, static
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""
 
-Pose = tuple[FloatArray, FloatArray]
+Transform = tuple[FloatArray, FloatArray]
 """Position (3,) [m] and quaternion (w, x, y, z)."""
 Eye = tuple[ArrayLike, ArrayLike, ArrayLike]
 """Position, target and up direction of a 3-D view [m]."""
@@ -157,7 +157,7 @@ def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
     return position, Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
+def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Transform:
     """Pose of a body on the moving body that carries it."""
     pose = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     carrier = int(model.body_weldid[body])
@@ -167,7 +167,7 @@ def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
     return pose
 
 
-def _product(outer: Pose, inner: Pose) -> Pose:
+def _product(outer: Transform, inner: Transform) -> Transform:
     position, quaternion = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(position, quaternion, *outer, *inner)
     return position, quaternion

@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from gplfd_env.conventions.opengl import has_display
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.panels import Line, Plot, series
+from gplfd_experiments.recording.panels import Line, Panel, series
 from gplfd_experiments.recording.stream import moving, write_recording
 from gplfd_policies.arrays.storage import regular_file
 from gplfd_policies.serving.protocol import BEGINNING, read_journal
@@ -109,7 +109,7 @@ def _recorded(journal: Path) -> Path:
         times, values = map(np.array, zip(*samples, strict=True))
         lines = dict(zip(_LINES, values.astype(np.float64).T, strict=True))
         chunks += series(f"/{name}", times - at[0], lines)
-    plots = [Plot(*panel).view("") for panel in _PANELS.items() if panel[0] in curves]
+    plots = [Panel(*panel).view("") for panel in _PANELS.items() if panel[0] in curves]
     log = rrb.TextLogView(origin=_EVENTS, name="States, reasons and errors")
     views = rrb.Horizontal(rrb.Vertical(*plots), log, column_shares=[3, 2])
     recording = journal.with_name(f"{journal.name}.rrd")

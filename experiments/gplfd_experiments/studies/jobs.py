@@ -102,17 +102,17 @@ def _run(
     def open_doors(tasks: Sequence[EpisodeTask]) -> None:
         """Open doors in lockstep, or one by one if the policy fails at one."""
         allow(LEARNING_LIMIT)
-        shown = [task.teacher["angle_mean"] for task in tasks]
+        angles = [task.teacher["angle_mean"] for task in tasks]
         try:
             logs = open_together(
                 tasks,
                 [learned[task.training_key]() for task in tasks],
                 forecast_period=FORECAST_PERIOD,
                 # Others are not scored.
-                forecast_angles=np.outer(shown, PROGRESS),
+                forecast_angles=np.outer(angles, PROGRESS),
                 before_step=partial(allow, STEP_LIMIT),
             )
-            for task, log, angle in zip(tasks, logs, shown, strict=True):
+            for task, log, angle in zip(tasks, logs, angles, strict=True):
                 results[task.key] = {
                     **_origin(task),
                     "demonstrations": demonstrations_hash(task),

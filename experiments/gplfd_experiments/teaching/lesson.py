@@ -11,11 +11,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors import config, geometry
@@ -27,6 +27,7 @@ from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.leading import BLEND_TIME, LOST, PULLS, LedAgent
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.provenance import provenance
+from gplfd_policies.arrays.shapes import Float, Pose, Vectors
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations import alignment, npz
@@ -40,8 +41,6 @@ _KIND: Final = "a gplfd taught demonstration"
 _VERSION: Final = 1
 
 Sample = Float[np.ndarray, " 9"]
-Vector = Float[np.ndarray, " 3"]
-Pose = Float[np.ndarray, " 6"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -179,7 +178,7 @@ def checked_input(values: object) -> Sample:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class View:
+class CameraView:
     """A static camera: position and axes in the task frame.
 
     The columns of `axes` point to the right, upwards and backwards in the picture. A
@@ -187,14 +186,14 @@ class View:
     which the door moves the hand.
     """
 
-    position: Vector
+    position: Vectors
     axes: Float[np.ndarray, "3 3"]
     extent: tuple[float, float]
     """Half the width and height of the picture at a distance of 1."""
-    normal: Vector
+    normal: Vectors
 
     @classmethod
-    def of(cls, data: mujoco.MjData, camera: str, aspect: float, level: bool) -> "View":
+    def of(cls, data: mujoco.MjData, camera: str, aspect: float, level: bool) -> Self:
         """Return the view of a scene's camera; `level`: the door has a level hinge."""
         task, seen = data.site("task_frame"), data.camera(camera)
         to_task = task.xmat.reshape(3, 3).T
@@ -207,7 +206,7 @@ class View:
             normal=np.array([0.0, 0.0, 1.0] if level else [0.0, 1.0, 0.0]),
         )
 
-    def point(self, u: float, v: float, level: Vector) -> Vector | None:
+    def point(self, u: float, v: float, level: Vectors) -> Vectors | None:
         """Return the point in the plane through `level`, or None beyond its horizon."""
         width, height = self.extent
         ray = self.axes @ [(2.0 * u - 1.0) * width, (1.0 - 2.0 * v) * height, -1.0]
@@ -217,7 +216,7 @@ class View:
             return None
         return np.asarray(self.position + distance / along * ray)
 
-    def place(self, point: Vector) -> tuple[float, float]:
+    def place(self, point: Vectors) -> tuple[float, float]:
         """Return the position of a point in the picture, (u, v)."""
         right, up, back = self.axes.T @ (point - self.position)
         width, height = self.extent
@@ -228,16 +227,16 @@ class Lead:
     """Target of the hand, moved by a device; `servo`: stiffness of the arm [N/m]."""
 
     def __init__(
-        self, view: View, *, force: float = _FORCE, servo: float = SPRING[0]
+        self, view: CameraView, *, force: float = _FORCE, servo: float = SPRING[0]
     ) -> None:
         self._view, self._reach = view, force / SPRING[0]
         self._give = SPRING[0] / servo
-        self.target: Vector = np.zeros(3)
+        self.target: Vectors = np.zeros(3)
         """Target of the spring [m]."""
-        self._grip: Vector | None = None
+        self._grip: Vectors | None = None
         self._level, self._active = np.zeros(3), False
 
-    def command(self, sample: Sample, observation: Observation, wrist: Vector) -> Pose:
+    def command(self, sample: Sample, observation: Observation, wrist: Vectors) -> Pose:
         """Return the commanded pose of the hand for a control period [m, rad].
 
         `wrist` is its rotation vector without deflections about the axes. Pressing the
@@ -271,7 +270,7 @@ class Lead:
         return np.concatenate([hand + self._give * stretch, turned])
 
 
-class Person:
+class LeadingPerson:
     """Leads the hand of a policy while a device is held or deflected.
 
     A `gplfd_experiments.episodes.leading.Leader`. The pull is limited, and taking the
@@ -280,7 +279,7 @@ class Person:
 
     by: Who = "person"
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: CameraView) -> None:
         self._view = view
 
     def begin(self, door: geometry.DoorGeometry) -> None:
@@ -346,7 +345,7 @@ class Lesson(ABC):
         """Close the door and delete the recording."""
         self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
         aspect = SIZE[0] / SIZE[1]
-        self.view = View.of(self._env.data, self._camera, aspect, self.door.level)
+        self.view = CameraView.of(self._env.data, self._camera, aspect, self.door.level)
         self.over, self._inputs, self._rows = "", list[Any](), list[Any]()
         self.spring = self._begin()
         self._note()
@@ -481,7 +480,7 @@ class CorrectionLesson(Lesson):
         super().__init__(task, drawn=drawn)
 
     def _begin(self) -> Lead:
-        self._person = Person(self.view)
+        self._person = LeadingPerson(self.view)
         agent = self._store.method.follow(self._store.skill)
         self._agent = LedAgent(agent, self._person)
         self._agent.inform(self._env.door_geometry)

@@ -41,7 +41,7 @@ _SILENCE: Final = 10.0  # A connection without a request for this time is closed
 _LOOPBACK: Final = ("127.0.0.1", "localhost")
 
 
-class Session:
+class TeachingSession:
     """A session of a person at several doors, in turn.
 
     An episode is ready, led, played back, and then kept, repeated or discarded. It
@@ -149,11 +149,13 @@ def teach(
         for door in named_doors(doors).items()
     ]
     store = TaughtSet(folder, options)
-    serve(Session(lessons, store), "teach", device=device, host=host, port=port)
+    serve(TeachingSession(lessons, store), "teach", device=device, host=host, port=port)
     return len(store.kept)
 
 
-def serve(session: Session, task: str, *, device: str, host: str, port: int) -> None:
+def serve(
+    session: TeachingSession, task: str, *, device: str, host: str, port: int
+) -> None:
     """Serve the page, entitled by the task, until the person finishes."""
     # Pictures are drawn in the thread that made the session; requests wait for it.
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()

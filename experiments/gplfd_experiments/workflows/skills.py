@@ -19,7 +19,7 @@ from gplfd_experiments.studies import engines, runner
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.tasks import recorded_tasks
 from gplfd_experiments.teaching import lesson
-from gplfd_experiments.teaching.page import Session, serve
+from gplfd_experiments.teaching.page import TeachingSession, serve
 from gplfd_experiments.workflows.runs import CONFIGURATION, check_frame
 from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import Correction
@@ -38,9 +38,8 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
         doors = zip(config["doors"], files, strict=True)
         return tuple(door for door, kept in doors if kept == file.name)
     except (OSError, ValueError, KeyError):
-        return tuple(
-            dict.fromkeys(taught.name for taught in lesson.read_taught(file.parent))
-        )
+        recordings = lesson.read_taught(file.parent)
+        return tuple(dict.fromkeys(recording.name for recording in recordings))
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
@@ -107,7 +106,6 @@ def judge(
     study = read_results(folder)
     write_report(study, folder, reference=reference)
     print(table.text_table(overview(study.recorded), columns))
-
     return errors
 
 
@@ -139,17 +137,15 @@ def correct_skill(
     method, skill = method_and_skill(policy, file)
     check_frame(skill.frame, file)
     store = lesson.CorrectedSkill(method, skill, out)
-    tasks = [
-        episode_task(*door, policy=policy, seed=seed)
-        for door in named_doors(doors).items()
-    ]
+    named = named_doors(doors).items()
+    tasks = [episode_task(*door, policy=policy, seed=seed) for door in named]
     if page is None:
         return store.skill, [_corrected(task, store) for task in tasks]
     lessons = [
         partial(lesson.CorrectionLesson, task, store, page["device"], drawn=True)
         for task in tasks
     ]
-    serve(Session(lessons, store), "correct", **page)
+    serve(TeachingSession(lessons, store), "correct", **page)
     return store.skill, [_row(correction, "kept") for correction in store.kept]
 
 

@@ -18,7 +18,7 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.arrays.records import interpolated
-from gplfd_policies.arrays.shapes import Axes, Bool, Float, Pose
+from gplfd_policies.arrays.shapes import Axes, Bool, Float, Pose, Vectors
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.alignment import align
@@ -33,8 +33,6 @@ GRASPED: Final = "grasped"
 _GRID: Final = np.linspace(0.0, 1.0, 100)
 _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range], 3)
 
-Vector = Float[np.ndarray, " 3"]
-Phases = Float[np.ndarray, " N"]
 Waves = Float[np.ndarray, "2 ..."]
 Stage = Literal["reach", "back", "in", "close", "shake", "held"]
 
@@ -162,7 +160,7 @@ class GraspSearch:
         self.stage: Stage = "reach"
         self.attempt, self._since = 1, 0.0
         self._goal, self._from, self._command = np.zeros((3, 6))
-        self._forces: list[Vector] = []
+        self._forces: list[Vectors] = []
 
     @property
     def gripper_width(self) -> float:
@@ -215,7 +213,7 @@ class GraspSearch:
             deeper = self._spread * _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
             self._again(observation, np.array([deeper, 0.0, 0.0]))
 
-    def _again(self, observation: Observation, beside: Vector) -> None:
+    def _again(self, observation: Observation, beside: Vectors) -> None:
         """Start the next grasp, displaced from this one, unless it was the last."""
         self._command = np.array(observation["ee_pose"])
         if self.attempt < ATTEMPTS:
@@ -238,7 +236,7 @@ class GraspSearch:
         return np.asarray(self._from + progress * (goal - self._from))
 
 
-def _shake(share: float | Phases) -> Waves:
+def _shake(share: float | Float[np.ndarray, " N"]) -> Waves:
     """Return the motion upwards and to the left, of amplitude 1, uncorrelated."""
     angle = 2.0 * math.pi * np.asarray(share)
     return np.array([np.sin(2.0 * angle), np.sin(angle)])

@@ -16,13 +16,11 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.validation.fields import real_array
 from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.rows import PerRow, Rows
-from gplfd_policies.arrays.shapes import Bool, Float, Pose
+from gplfd_policies.arrays.shapes import Axes, Bool, Float, Pose, Vectors
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """Measurements of the robot by name; with a leading axis for a batch."""
 
-Poses = Float[np.ndarray, "*N 6"]
-Vectors = Float[np.ndarray, "*N 3"]
 
 _NAN: Final[Any] = math.nan
 _ABSENT: Final[Any] = {x: read_only(np.full(x, np.nan))[()] for x in ((), (3,), (6,))}
@@ -59,27 +57,27 @@ class AgentStep:
     NaN.
     """
 
-    action: Poses
+    action: Axes
     """Commanded hand pose, task frame [m, rad]."""
-    desired: Poses = _NAN
+    desired: Axes = _NAN
     """Mean of the movement at the command phase [m, rad]."""
     frame: Float[np.ndarray, "... 3 3"] = field(default_factory=lambda: np.eye(3))
     """T: directions along the path, up, and across it, as columns in the task frame, or
     the axes of the task frame. The first three numbers of `std`, `stiffness`, their
     rates and margins are along these columns, and the translational stiffness is
     T diag(k) Tᵀ; the last three are about the axes of the task frame."""
-    std: Poses = _NAN
+    std: Axes = _NAN
     """Standard deviation that sets the stiffness: that of the movement at the command
     phase, plus `path_lag` along the path [m, rad]."""
-    std_rate: Poses = _NAN
+    std_rate: Axes = _NAN
     """Rate of the σ that the controller used, including jumps [m/s, rad/s]."""
-    stiffness: Poses = _NAN
+    stiffness: Axes = _NAN
     """Rendered stiffness [N/m, N m/rad]; with ``"impedance"`` a command to the arm."""
-    stiffness_rate: Poses = _NAN
+    stiffness_rate: Axes = _NAN
     """Rate of the stiffness over this step [N/(m s), N m/(rad s)]."""
-    stability_margin: Poses = _NAN
+    stability_margin: Axes = _NAN
     """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
-    contact_margin: Poses = _NAN
+    contact_margin: Axes = _NAN
     """Delay that a held hand tolerates beyond the longest expected one [s]."""
     compensated_load: PerRow | float = _NAN
     """Resistance along the path that the hand bears without yielding [N]."""
@@ -101,10 +99,10 @@ class AgentStep:
     """Rotation of the path about the vertical relative to the demonstrations [rad]."""
     heading_std: PerRow | float = _NAN
     """Standard deviation of `heading` [rad]."""
-    predicted_mean: Poses = _NAN
+    predicted_mean: Axes = _NAN
     """Mean at `observed_phase`, before this observation adapted the movement; the phase
     itself was estimated with this observation [m, rad]."""
-    predicted_std: Poses = _NAN
+    predicted_std: Axes = _NAN
     """Standard deviation of `predicted_mean` [m, rad]."""
     expected_force: Vectors = _NAN
     """Mean force of the hand on what it holds, along the columns of `frame`, expected
@@ -163,7 +161,7 @@ class AgentStep:
                 del fields[name]
         return cls(**{name: np.array(values) for name, values in fields.items()})
 
-    def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
+    def among(self, rows: Rows, last_actions: Axes) -> AgentStep:
         """Return the steps of a batch in which only these rows act and others stay."""
         if isinstance(rows, tuple):
             return self
@@ -176,7 +174,7 @@ class AgentStep:
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        entry.name: {"Poses": (6,), "Vectors": (3,)}.get(str(entry.type), ())
+        entry.name: {"Axes": (6,), "Vectors": (3,)}.get(str(entry.type), ())
         for entry in dataclasses.fields(AgentStep)
     }
     | {"frame": (3, 3)}

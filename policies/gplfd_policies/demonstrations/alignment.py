@@ -53,7 +53,7 @@ _WORTH_LEARNING: Final = np.radians(1.0)
 AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
 
-Samples = Float[np.ndarray, " N"]
+PerSample = Float[np.ndarray, " N"]
 """One number per sample of a demonstration."""
 Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
 """Poses of K demonstrations at M phases, and their clocks there."""
@@ -63,10 +63,10 @@ Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
 class _Course:
     """One demonstration on its own normalised time, with its completion index."""
 
-    clock: Samples
+    clock: PerSample
     """Time from 0 to 1."""
     poses: Float[np.ndarray, "N 6"]
-    completion: Samples
+    completion: PerSample
 
     def at(self, clock: Times) -> Outputs:
         """Return the poses at normalised times."""
@@ -226,7 +226,7 @@ def _warped(
             clocks.append(phases)
             continue
 
-        def cost_row(row: int, course: _Course = course) -> Samples:
+        def cost_row(row: int, course: _Course = course) -> PerSample:
             if rotation_weight is None:
                 apart = course.completion - reference.completion[row]
                 return np.asarray(np.abs(apart))
@@ -291,7 +291,7 @@ def dynamic_time_warping(
 
 def task_completion_index(
     demonstration: Demonstration, rotation_weight: float = 0.5, denoise: bool = True
-) -> Samples:
+) -> PerSample:
     """Return ζ: the share of the path's length covered up to each sample, Eq. (16).
 
     As printed, ζ measures mainly noise, which is therefore removed first
@@ -304,7 +304,7 @@ def task_completion_index(
 
 def measure_completion(
     demonstration: Demonstration, rotation_weight: float, denoise: bool
-) -> tuple[Samples, float]:
+) -> tuple[PerSample, float]:
     """Return ζ, and the length of the path over its length without noise, about 1.
 
     The noise is removed by a Gaussian filter, which also removes noise that motion

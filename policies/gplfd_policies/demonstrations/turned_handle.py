@@ -15,10 +15,10 @@ from typing import Final
 import numpy as np
 import scipy
 
+from gplfd_env.conventions.constants import Vector
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
-Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""
 

@@ -106,9 +106,9 @@ class ConditionedFunctions:
         between, count, later = self.covariance, self._white.size, copy.copy(self)
         earlier = between(self._places, place).reshape(-1, 6) * self._observed[:, None]
         cross = scipy.linalg.solve_triangular(self._root, earlier, lower=True)
-        own = between(place, place).reshape(6, 6) - cross.T @ cross
+        remaining = between(place, place).reshape(6, 6) - cross.T @ cross
         values = values - cross.T @ self._white
-        new = Innovation.of(own, values, noise_variance, along)
+        new = Innovation.of(remaining, values, noise_variance, along)
         cross *= new.observed
         grid, half = self._kept
         across = between(place, grid) * new.observed[:, None, None]

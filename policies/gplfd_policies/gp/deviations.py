@@ -36,7 +36,7 @@ from gplfd_policies.arrays.shapes import Curve, Curves, Float, Gram, Outputs, Ti
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
 
-Parameters = Float[np.ndarray, "5"]
+KernelParameters = Float[np.ndarray, "5"]
 """θ = (log c, logit w, logit g, log L, log S)."""
 
 _GRID = 60
@@ -123,7 +123,7 @@ class DeviationLikelihood:
         self.times, self.noise = times[kept], noise[kept]
         self.scatter, self.free = chosen.T @ chosen, len(deviations) - 1
 
-    def process(self, theta: Parameters) -> DeviationProcess:
+    def process(self, theta: KernelParameters) -> DeviationProcess:
         """Return the covariance for θ."""
         return DeviationProcess(
             wobble=float(np.exp(theta[0])),
@@ -133,7 +133,7 @@ class DeviationLikelihood:
             short_scale=float(np.exp(theta[4])),
         )
 
-    def __call__(self, theta: Parameters) -> tuple[float, Parameters]:
+    def __call__(self, theta: KernelParameters) -> tuple[float, KernelParameters]:
         """Return the log-likelihood at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)

@@ -15,7 +15,7 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.serving import protocol
-from gplfd_policies.serving.protocol import Link, array, decode, encode, numbers
+from gplfd_policies.serving.protocol import Connection, array, decode, encode, numbers
 
 
 class ServerLostError(ConnectionError):
@@ -66,7 +66,7 @@ class RemoteAgent:
                 ends = self._process.stdout.fileno(), self._process.stdin.fileno()
         except OSError as error:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
-        self._link = Link(*ends)
+        self._link = Connection(*ends)
         try:
             hello = {"type": "hello", "protocol": protocol.VERSION, "explain": explain}
             self.greeting = self._reply(hello, "hello", None)

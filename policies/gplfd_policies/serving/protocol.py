@@ -138,7 +138,7 @@ def array(entries: Any) -> np.ndarray:
     return np.array(math.nan if entries is None else float(entries))
 
 
-class Link:
+class Connection:
     """One end of a connection: a socket's descriptor, given twice, or two pipes'."""
 
     def __init__(self, reader: int, writer: int) -> None:

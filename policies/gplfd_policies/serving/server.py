@@ -17,8 +17,8 @@ from gplfd_policies.demonstrations.npz import (
 )
 from gplfd_policies.registry.catalogue import make_agent, method_and_skill, policy_named
 from gplfd_policies.serving.protocol import (
+    Connection,
     Journal,
-    Link,
     Message,
     ProtocolError,
     decode,
@@ -76,7 +76,7 @@ class Server:
         session: Session,
         journal: Journal,
         listener: socket.socket | None = None,
-        link: Link | None = None,
+        link: Connection | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._session, self._journal, self._clock = session, journal, clock
@@ -147,7 +147,7 @@ class Server:
             return True
         if client.family != getattr(socket, "AF_UNIX", None):
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client, self._link = client, Link(client.fileno(), client.fileno())
+        self._client, self._link = client, Connection(client.fileno(), client.fileno())
         self._heard = self._clock()
         self._session.connect(self._heard)
         self._journal.write(self._heard, "a client has come", [], 0.0)
@@ -193,7 +193,7 @@ def serve(
             stack.callback(os.close, output)
             stack.callback(os.dup2, output, 1)
             stack.callback(sys.stdout.flush)
-            link = Link(0, output)
+            link = Connection(0, output)
         agent = served_agent(settings, demonstrations)
         if link is None:
             listener, address = listening(settings)

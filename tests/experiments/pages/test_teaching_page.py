@@ -26,7 +26,7 @@ from gplfd_experiments.teaching.lesson import (
     DemonstrationLesson,
     TaughtSet,
 )
-from gplfd_experiments.teaching.page import Session, teach
+from gplfd_experiments.teaching.page import TeachingSession, teach
 from gplfd_policies import load_skill
 from gplfd_policies.demonstrations.npz import load_demonstrations
 from gplfd_policies.registry.catalogue import skill_method
@@ -44,7 +44,7 @@ def person(tmp_path: Path, visitor: Any) -> Any:
         partial(DemonstrationLesson, name, door_config(name), drawn=True)
         for name in ("small", "medium")
     ]
-    return visitor(Session(lessons, TaughtSet(tmp_path, {})))
+    return visitor(TeachingSession(lessons, TaughtSet(tmp_path, {})))
 
 
 def test_a_demonstration_is_led_shown_and_kept_repeated_or_discarded(
@@ -96,7 +96,7 @@ def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
     lessons = [
         partial(CorrectionLesson, task, store, "mouse", drawn=True) for task in tasks
     ]
-    somebody = visitor(Session(lessons, store))
+    somebody = visitor(TeachingSession(lessons, store))
     assert somebody(times=20)["time"] == 0.0
     alone = [somebody("start"), somebody(times=60)][1]
     assert alone["angle"] > 1.0

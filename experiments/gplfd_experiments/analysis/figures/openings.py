@@ -119,10 +119,10 @@ def fig09(material: Material) -> tuple[Figure, str]:
     """Draw posteriors and predictions of one door, and the errors on all."""
     agent = make_agent("gp", material.demonstrations.demonstrations)
     openings = [reviewed(material.episodes[door], agent, _STAGES) for door in DOORS]
-    shown = openings[DOORS.index(SHOWN)]
+    example = openings[DOORS.index(SHOWN)]
     figure = style.new_figure(style.PAGE, 4.9)
     rows = figure.subplots(3, 4, sharey="row")
-    draw_opening(rows[:2], shown)
+    draw_opening(rows[:2], example)
     ratios = []
     for panel, opening in zip(rows[2], openings, strict=True):
         adaptive, fixed = (errors[:, [*_OUTPUTS]] for errors in opening.errors())
@@ -162,7 +162,7 @@ def fig09(material: Material) -> tuple[Figure, str]:
     )
     return figure, (
         f"(a–c) The policy for x (top) and z (middle) while a door of "
-        f"{shown.log.radius:.2f} m opens, conditioned on the via-points in the "
+        f"{example.log.radius:.2f} m opens, conditioned on the via-points in the "
         "light-blue area, against the policy learned from demonstrations alone; means "
         "and 95 % intervals, and the true motion of the handle. (d) One-step "
         "predictions of both. (e–h) Mean squared prediction error E[ε²] = (E f* - f)² "

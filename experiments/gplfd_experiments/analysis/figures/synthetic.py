@@ -116,7 +116,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
     poses = np.repeat(fresh[..., None], 6, axis=-1)
     sets = [constrained_set(_REPETITIONS, rng) for rng in set_rngs]
     policies = {
-        name: [fit_skill(shown, noise=noise).predict(PHASES) for shown in sets]
+        name: [fit_skill(aligned, noise=noise).predict(PHASES) for aligned in sets]
         for name, noise in _NOISES.items()
     }
     # Share of repetitions inside the 95 % band [%], mean over the sets, (201,).

@@ -27,7 +27,7 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
 Look = Mapping[str, Any]
 """Keyword arguments of an artist."""
-Points = list[tuple[float, float]]
+PlotPoints = list[tuple[float, float]]
 
 _FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
 """Style of the reference in the panels of others."""
@@ -58,7 +58,7 @@ def policy_panels(
     runs: Mapping[str, Sequence[Any]],
     reference: str,
     labels: tuple[str, str],
-    draw: Callable[[Axes, Sequence[Any], str], Points],
+    draw: Callable[[Axes, Sequence[Any], str], PlotPoints],
     without: str = "",
 ) -> Figure:
     """Draw a panel per policy on common axes with labels of x and y.
@@ -73,7 +73,7 @@ def policy_panels(
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
-    panels: dict[str, tuple[Axes, str, Points]] = {}
+    panels: dict[str, tuple[Axes, str, PlotPoints]] = {}
     for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
         axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
@@ -98,7 +98,7 @@ def policy_panels(
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
 
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> Points:
+    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
         points = []
         _radius_axis(axes, runs)
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
@@ -114,7 +114,7 @@ def success_by_radius(runs: Runs, reference: str) -> Figure:
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: dots and median."""
 
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> Points:
+    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
         points = []
         _radius_axis(axes, runs)
         axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
@@ -133,7 +133,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the forecast error of the rest over progress: median and middle half."""
 
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> Points:
+    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
         axes.set_xlim(0.0, 1.0)
         axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
         log_scale(axes, "y")

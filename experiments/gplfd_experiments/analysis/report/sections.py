@@ -18,7 +18,7 @@ from gplfd_experiments.studies.trials import protocol
 from gplfd_policies.registry.built_in import TABLE_1
 
 Results = Sequence[reading.TaskResult]
-Episodes = Sequence[reading.EpisodeResult]
+EpisodeResults = Sequence[reading.EpisodeResult]
 
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
 
@@ -33,7 +33,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     """Return rates and forces by policy, by condition and by kind of door."""
     counting = _counting(conditions)
     several_kinds = len({episode.door_kind for episode in counting}) > 1
-    groups: dict[str, dict[str, Episodes]] = {}
+    groups: dict[str, dict[str, EpisodeResults]] = {}
     for condition, runs in conditions.items():
         here = (episode for group in runs.values() for episode in group)
         for kind, of_kind in measures.grouped(here, attrgetter("door_kind")).items():
@@ -46,7 +46,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         s for s in reading.SPLITS if any(episode.split == s for episode in counting)
     ]
 
-    def row(episodes: Episodes) -> document.Cells:
+    def row(episodes: EpisodeResults) -> document.Cells:
         rates, forces = [], []
         for split in splits:
             rate = force = "not run"
@@ -137,7 +137,7 @@ def measures_table(conditions: Mapping[str, Runs]) -> Table:
     failures = sorted({e.failure for e in counting if not e.solved})
     angle = EPISODE_MEASURES["final_angle_deg"]
 
-    def row(episodes: Episodes) -> document.Cells:
+    def row(episodes: EpisodeResults) -> document.Cells:
         outcomes = {"solved": [episode.solved for episode in episodes]}
         for degrees in (60, 30, 15):
             outcomes[f"to {degrees}°"] = [e.opened(degrees) for e in episodes]
@@ -349,7 +349,7 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
     their small forces are not comparable.
     """
 
-    def rank(item: tuple[str, Episodes]) -> list[float]:
+    def rank(item: tuple[str, EpisodeResults]) -> list[float]:
         typical = {name: MEASURES[name].typical(item[1]) for name in trial.measures}
         opened = typical.get("success")
         ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
@@ -370,7 +370,7 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
 def trial_table(trial: protocol.Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
 
-    def row(episodes: Episodes) -> document.Cells:
+    def row(episodes: EpisodeResults) -> document.Cells:
         cells = []
         for name in trial.measures:
             measure = MEASURES[name]

@@ -271,7 +271,7 @@ def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         }
 
     kinds = list(dict.fromkeys(row["door_kind"] for row in rows))
-    shown: list[dict[str, str]] = []
+    lines: list[dict[str, str]] = []
     previous = kinds[0] if len(kinds) == 1 else None
     for row in sorted(rows, key=lambda row: kinds.index(row["door_kind"])):
         cells = {"policy": row["policy"], "door": row["door"]}
@@ -285,9 +285,9 @@ def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         cells |= texts(_OF_ALL, row)
         if row["door_kind"] != previous:
             previous = row["door_kind"]
-            shown.append(dict.fromkeys(cells, "") | {"policy": f"**{previous}**"})
-        shown.append(cells)
-    return Table.of(shown)
+            lines.append(dict.fromkeys(cells, "") | {"policy": f"**{previous}**"})
+        lines.append(cells)
+    return Table.of(lines)
 
 
 def remarks(results: Sequence[EpisodeResult]) -> list[str]:

@@ -64,7 +64,7 @@ class Import(ImportSettings):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Export:
+class DemosExport:
     """Write demonstrations or episodes in the format of another program.
 
     LeRobot's format (version 3) is a folder. An action is the pose at the next sample;
@@ -107,7 +107,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Record(RecordSettings):
+class DemosRecord(RecordSettings):
     """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step
@@ -158,9 +158,9 @@ class Inspect:
 
 SUBCOMMANDS: Final[Mapping[str, type[Any]]] = {
     "import": Import,
-    "export": Export,
+    "export": DemosExport,
     "teach": Teach,
-    "record": Record,
+    "record": DemosRecord,
     "inspect": Inspect,
 }
 _ANY: Any = Union[  # noqa: UP007

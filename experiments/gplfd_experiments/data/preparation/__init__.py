@@ -29,7 +29,7 @@ __all__ = ["ImportSettings", "Motion", "prepare"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Motion:
+class PreparedMotion:
     """One repetition, prepared for learning."""
 
     name: str
@@ -50,7 +50,7 @@ class Motion:
 
 def prepare(
     recordings: Sequence[RawRecording], settings: ImportSettings
-) -> tuple[Motion, ...]:
+) -> tuple[PreparedMotion, ...]:
     """Make demonstrations from motions, each with notes on changes and findings.
 
     Raises:
@@ -60,7 +60,7 @@ def prepare(
     recordings = list(itertools.chain(*parts))
     recorded = sum(len(raw.positions) for raw in recordings)
     left = max(_MOST_SAMPLES, _MOST_MADE * recorded)
-    motions: list[Motion] = []
+    motions: list[PreparedMotion] = []
     for raw in recordings:
         if settings.offset is not None and raw.quaternions is None:
             raise ValueError(f"{raw.name} has no orientations, which an offset needs")
@@ -110,7 +110,7 @@ def _motion(
     notes: Notes,
     most: int,
     reading: str,
-) -> Motion:
+) -> PreparedMotion:
     """Prepare one repetition with a limited number of samples."""
     samples = steps.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
@@ -140,7 +140,7 @@ def _motion(
         samples = opening
     samples, radius = frames.in_frame(samples, settings.frame, notes)
     samples = steps.at_rate(samples, settings.rate, most)
-    return Motion(
+    return PreparedMotion(
         name=name,
         demonstration=_demonstration(samples),
         signals=samples.signals,

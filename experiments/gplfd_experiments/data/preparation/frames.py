@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.settings import ImportSettings, Pose
+from gplfd_experiments.data.settings import ImportSettings, PoseNumbers
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import interpolated
 
@@ -197,7 +197,7 @@ def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
     )
 
 
-def offset_by(samples: Samples, offset: Pose | None) -> Samples:
+def offset_by(samples: Samples, offset: PoseNumbers | None) -> Samples:
     """Return the motion of an object with a pose in the hand, and moments about it."""
     if offset is None:
         return samples
@@ -210,7 +210,7 @@ def offset_by(samples: Samples, offset: Pose | None) -> Samples:
 
 
 def in_frame(
-    samples: Samples, frame: str | Pose, notes: Notes
+    samples: Samples, frame: str | PoseNumbers, notes: Notes
 ) -> tuple[Samples, float | None]:
     """Return a motion in an `ImportSettings.frame`, and the radius of its hinge [m].
 

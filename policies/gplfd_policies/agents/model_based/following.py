@@ -28,7 +28,7 @@ from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 Points = Float[np.ndarray, "N 3"]
-Parameters = Float[np.ndarray, " 4"]
+CircleParameters = Float[np.ndarray, " 4"]
 
 _LOWEST: Final = np.array([-0.5, -0.5, -0.5, 0.2])
 _HIGHEST: Final = np.array([0.5, 0.5, 0.5, 10.0])
@@ -55,12 +55,12 @@ class CirclePrior:
     """c: residual, in standard deviations, with half of the weight. Tuned."""
 
     @property
-    def mean(self) -> Parameters:
+    def mean(self) -> CircleParameters:
         """Prior mean of (ω, κ)."""
         return np.array([0.0, 0.0, 0.0, 1.0 / self.radius])
 
     @property
-    def information(self) -> Parameters:
+    def information(self) -> CircleParameters:
         """Inverse prior variances of (ω, κ)."""
         tilt, heading = self.tilt_std**-2.0, self.heading_std**-2.0
         return np.array([tilt, heading, tilt, self.curvature_std**-2.0])
@@ -93,7 +93,7 @@ class Circle:
 
     prior: CirclePrior
     """The prior of this estimate."""
-    parameters: Parameters
+    parameters: CircleParameters
     """(ω, κ) [rad, 1/m]."""
 
     @classmethod

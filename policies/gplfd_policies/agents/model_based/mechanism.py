@@ -48,7 +48,6 @@ from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 Array = Float[np.ndarray, "..."]
 Path = Float[np.ndarray, "N 6"]
-Vector = Float[np.ndarray, " 3"]
 
 _STD: Final = np.repeat([1e-3, 0.2], 3)
 """Square root of Σ [m, rad]. The grip slips, so orientation is uncertain. Tuned."""
@@ -60,7 +59,7 @@ _SLOPE, _BEND = 1e6, 2e5
 """a and b of the process, relative to the noise variance [1/m², 1/m³]. Tuned."""
 
 
-class Mechanism:
+class MotionModel:
     """A model of the motion of a hand; the base class is rigid: no motion."""
 
     degrees, parameters = 0, 6
@@ -68,9 +67,9 @@ class Mechanism:
     def __init__(self, pose: Float[np.ndarray, " 6"]) -> None:
         self._pose = pose
 
-    def updated(self, path: Path) -> Mechanism:
+    def updated(self, path: Path) -> MotionModel:
         """Return the model fitted to a path, starting from this one."""
-        return Mechanism(path.mean(axis=0))
+        return MotionModel(path.mean(axis=0))
 
     def coordinates(self, positions: Vectors) -> PerRow:
         """Return q of the poses nearest to positions [m]."""
@@ -80,7 +79,7 @@ class Mechanism:
         """Return f(q) [m, rad]."""
         return np.broadcast_to(self._pose, (*np.shape(coordinates), 6))
 
-    def direction(self, coordinate: float) -> Vector:
+    def direction(self, coordinate: float) -> Vectors:
         """Return the unit vector of the motion at q; not for the rigid model."""
         back, on = self.poses(coordinate + np.array([-1e-4, 1e-4]))[:, :3]
         return np.asarray((on - back) / math.dist(on, back))
@@ -95,12 +94,12 @@ class Mechanism:
         return float(-2.0 * points.sum() + weight * math.log(len(path)))
 
 
-class Prismatic(Mechanism):
+class Prismatic(MotionModel):
     """The hand moves along a line, by regression with the pull as its prior."""
 
     degrees, parameters = 1, 8
 
-    def __init__(self, pull: Vector, line: Vector) -> None:
+    def __init__(self, pull: Vectors, line: Vectors) -> None:
         self._pull, self._line = pull, line
 
     def updated(self, path: Path) -> Prismatic:
@@ -120,7 +119,7 @@ class Prismatic(Mechanism):
         return np.asarray(lengths * np.append(self._line, np.zeros(3)))
 
 
-class Rotational(Mechanism):
+class Rotational(MotionModel):
     """The hand moves on a circle and turns with it, see `circle`."""
 
     degrees, parameters = 1, 9
@@ -130,7 +129,7 @@ class Rotational(Mechanism):
         self.radius = self._door.radius
 
     @classmethod
-    def expected(cls, pull: Vector, hinge: Vector) -> Rotational:
+    def expected(cls, pull: Vectors, hinge: Vectors) -> Rotational:
         """Return the prior estimate for a hinge in a direction from the hand."""
         axes = np.stack([pull, np.cross(pull, hinge), -hinge], axis=1)
         return cls(Circle.expected(CirclePrior(axes=axes)))
@@ -148,7 +147,7 @@ class Rotational(Mechanism):
         return self._door.hand_poses(coordinates / self.radius)
 
 
-class GaussianProcess(Mechanism):
+class GaussianProcess(MotionModel):
     """The hand moves along any smooth path.
 
     Each component of f is a Gaussian process over the length of the path, with kernel
@@ -226,10 +225,10 @@ class MechanismFitAgent:
         self._guess, self._fading = guess, np.zeros(6)
         self._travelled = self._speed = self._tried = 0.0
         self._path = HandPath(6)
-        self.model: Mechanism = Prismatic(pull, line=pull)
+        self.model: MotionModel = Prismatic(pull, line=pull)
         sides = [side for side in (*np.eye(3), *-np.eye(3)) if side @ pull == 0.0]
-        self._candidates: list[Mechanism] = [
-            *(Mechanism(np.zeros(6)), self.model, GaussianProcess(np.zeros((1, 6)))),
+        self._candidates: list[MotionModel] = [
+            *(MotionModel(np.zeros(6)), self.model, GaussianProcess(np.zeros((1, 6)))),
             *(Rotational.expected(pull, side) for side in sides),
         ]
 

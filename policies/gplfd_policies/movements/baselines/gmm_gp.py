@@ -94,7 +94,7 @@ class MixtureKernel:
         return weights**self.weight_power
 
 
-class Evidence:
+class NoiseLikelihood:
     """Likelihood of the demonstrations as noisy observations of one function.
 
     It has the prior mean m(t) and covariance K. The average, with noise σ²/D, and the
@@ -200,7 +200,7 @@ def fit_gmm_gp(
 ) -> GMMGaussianProcess:
     """Learn the process: fit the mixture, then the length-scales by likelihood."""
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
-    evidence = Evidence(regression, config.phases, config.weight_power)
+    evidence = NoiseLikelihood(regression, config.phases, config.weight_power)
     count = len(regression.weights)
     start = np.append(np.full(count, FIRST_LENGTH_SCALE), np.sqrt(np.prod(NOISE_RANGE)))
     scales = np.log([config.shortest_length_scale, LONGEST_LENGTH_SCALE])

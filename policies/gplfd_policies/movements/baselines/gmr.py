@@ -20,7 +20,7 @@ from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Time
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import MomentMovement, Moments, white_covariance
 
-Values = Float[np.ndarray, "*N 6"]
+ConditionalMeans = Float[np.ndarray, "*N 6"]
 
 TOLERANCE: Final = 1e-4
 """Expectation maximisation stops at this gain of the mean log-likelihood; published."""
@@ -70,11 +70,11 @@ class Standardisation:
         scale = np.maximum(poses.std(axis=(0, 1)), FINEST)
         return cls(offset=poses.mean(axis=(0, 1)), scale=scale)
 
-    def apply(self, poses: Values) -> Values:
+    def apply(self, poses: ConditionalMeans) -> ConditionalMeans:
         """Convert poses to standard deviations from their average."""
         return np.asarray((poses - self.offset) / self.scale)
 
-    def undo(self, standardised: Values) -> Values:
+    def undo(self, standardised: ConditionalMeans) -> ConditionalMeans:
         """Convert standardised poses to poses [m, rad]."""
         return np.asarray(self.offset + self.scale * standardised)
 
