@@ -20,6 +20,9 @@ from gplfd_experiments.analysis.results.measures import ResultT
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_policies.registry.catalogue import POLICIES
 
+TOLD: Final = "told the door"
+"""Kind of a policy that knows the door: it is listed, but never the reference."""
+
 FIGURES: Final = "figures"
 """Folder of the plots, beside the Markdown."""
 
@@ -71,16 +74,11 @@ def literal(text: object) -> str:
     return re.sub(r"([\\`*\[\]])", r"\\\1", " ".join(str(text).split()))
 
 
-def told(policy: str) -> bool:
-    """Return whether a policy knows the door: it is listed, but never the reference."""
-    return policy in POLICIES and POLICIES[policy].told
-
-
 def kind_of(policy: str) -> str:
-    """Return the kind of a policy: method, ablation, reference, told or own."""
-    if told(policy):
-        return "told the door"
-    return POLICIES[policy].kind if policy in POLICIES else "own"
+    """Return the kind of a policy: method, ablation, reference, `TOLD` or own."""
+    if policy not in POLICIES:
+        return "own"
+    return TOLD if POLICIES[policy].told else POLICIES[policy].kind
 
 
 def policy_table(
@@ -136,15 +134,14 @@ _TEMPLATES: Final = Environment(
     keep_trailing_newline=True,
 )
 _TEMPLATES.filters["marked"] = inline
-_TEMPLATES.filters["kind"] = lambda block: type(block).__name__
-_TEMPLATES.filters["anchor"] = lambda text: re.sub(r"[^a-z0-9]+", "-", text.lower())
 
 
 def html_page(page: Sequence[Section], images: Mapping[str, bytes]) -> str:
     """Return a page as HTML, from its template and the SVG of every plot."""
     encoded = {name: base64.b64encode(svg).decode() for name, svg in images.items()}
+    anchors = [re.sub(r"[^a-z0-9]+", "-", section.title.lower()) for section in page]
     template = _TEMPLATES.get_template("page.html.jinja")
-    return template.render(page=page, images=encoded)
+    return template.render(page=page, anchors=anchors, images=encoded)
 
 
 def markdown_page(page: Sequence[Section]) -> str:

@@ -2,7 +2,6 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -43,15 +42,14 @@ def write_report(
     for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    answers = trials.trial_answers(results)
-    if answers["trials"]:
-        write_json(folder / trials.FILE, answers, indent=None)
+    if any(episode.task.trial for episode in results.episodes):
+        write_json(folder / trials.FILE, trials.trial_answers(results), indent=None)
     return folder / HTML
 
 
 def report(results: StudyResults, reference: str) -> list[Section]:
     """Return the sections of the report of a study."""
-    if document.told(reference):
+    if document.kind_of(reference) == document.TOLD:
         raise ValueError(
             f"--reference {reference} knows the door, as no robot does, so others "
             "cannot be judged by it; give another policy of the study"
@@ -59,13 +57,15 @@ def report(results: StudyResults, reference: str) -> list[Section]:
     episodes = [episode for episode in results.episodes if not episode.task.trial]
     groups = measures.by_condition(episodes).items()
     conditions = {str(which): measures.ranked(group) for which, group in groups}
-    lead = [*_warnings(results), *sections.tier_tables(results)]
+    lead, questions = _warnings(results), list[Section]()
+    if of_trials := len(episodes) < len(results.episodes):
+        lead += sections.tier_tables(results)
     if conditions:
         lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
     if reference not in policies:
         ranking = [*next(iter(conditions.values()), {}), *policies]
-        untold = (policy for policy in ranking if not document.told(policy))
+        untold = (p for p in ranking if document.kind_of(p) != document.TOLD)
         best = next(untold, reference)
         text = f"{code(reference)} is not in this study"
         place = f"; {code(best)} takes its place." if best != reference else "."
@@ -89,7 +89,8 @@ def report(results: StudyResults, reference: str) -> list[Section]:
         made = shlex.join(map(str, command))
     lead += [Text(text), Text(made, "verbatim")]
 
-    questions = sections.trial_sections(results, reference)
+    if of_trials:
+        questions += sections.trial_sections(results, reference)
     if conditions:
         questions.append(sections.doors_section(conditions, reference))
         tests = [
@@ -101,7 +102,8 @@ def report(results: StudyResults, reference: str) -> list[Section]:
         questions.append(sections.recorded_section(results.recorded))
     if results.tests:
         questions.append(sections.table_one_section(results.tests))
-        questions.append(sections.learning_section(results.tests))
+        title = "What was learned, without a robot"
+        questions.append(sections.learning_section(results.tests, title))
     questions.append(Section(_ORIGIN, _origin(results)))
     robot = bool(results.episodes or results.tests)
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
@@ -130,7 +132,8 @@ def _warnings(results: StudyResults) -> list[Block]:
             "delete the folder, to have one version."
         )
     # A file that was edited between two parts of a study.
-    sources = Counter(policy for policy, _ in _sources(results))
+    pairs = {(result.policy, result.policy_source) for result in results.all}
+    sources = Counter(policy for policy, _ in pairs)
     if mixed := sorted(policy for policy, n in sources.items() if n > 1):
         names = ", ".join(map(code, mixed))
         text = f"Results of {names} come from more than one source file or version."
@@ -139,7 +142,7 @@ def _warnings(results: StudyResults) -> list[Block]:
     every = {result.pair for result in results.episodes}
     gaps = [
         f"{code(policy)} {number}"
-        for policy, episodes in measures.by_policy(results.episodes).items()
+        for policy, episodes in measures.grouped(results.episodes, "policy").items()
         if (number := len(every - {result.pair for result in episodes}))
     ]
     if gaps:
@@ -167,22 +170,21 @@ def _origin(results: StudyResults) -> list[Block]:
             "only up to a tolerance, see `docs/reproducibility.md`."
         )
         blocks.append(Text(text))
-    foreign = [(policy, source) for policy, source in _sources(results) if source]
-
-    def entries(name: str) -> Iterable[tuple[str, object]]:
-        values = results.study.get(name)
-        return values.items() if isinstance(values, dict) else ()
-
-    for title, named in (
-        ("Machine", entries("platform")),
-        ("Settings of the last command", entries("config")),
-        ("Policies that are not this project's", foreign),
+    named: dict[str, list[tuple[str, object]]] = {}
+    for title, entry in (
+        ("Machine", "platform"),
+        ("Settings of the last command", "config"),
     ):
-        if rows := tuple((code(name), code(value)) for name, value in named):
+        values = results.study.get(entry)
+        named[title] = [*values.items()] if isinstance(values, dict) else []
+    foreign = ((r.policy, r.policy_source) for r in results.all if r.policy_source)
+    named["Policies that are not this project's"] = [*dict.fromkeys(foreign)]
+    for title, pairs in named.items():
+        if rows := tuple((code(name), code(value)) for name, value in pairs):
             columns = ("name", "value")
             blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
     failed = [result for result in results.all if result.error]
-    reasons = measures.grouped(failed, lambda result: result.error).items()
+    reasons = measures.grouped(failed, "error").items()
     errors = []
     for reason, group in sorted(reasons, key=lambda item: (-len(item[1]), item[0])):
         doors_of = (getattr(result.task, "door", "learning test") for result in group)
@@ -195,9 +197,3 @@ def _origin(results: StudyResults) -> list[Block]:
         if details:
             blocks += [Text(text, "warning"), Text("\n".join(details), "verbatim")]
     return blocks
-
-
-def _sources(results: StudyResults) -> list[tuple[str, str]]:
-    """Return every policy with each of its sources, in order."""
-    pairs = ((result.policy, result.policy_source) for result in results.all)
-    return list(dict.fromkeys(pairs))

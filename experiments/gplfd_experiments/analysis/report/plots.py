@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, Final, Literal
 
@@ -17,7 +17,6 @@ from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     Runs,
-    door_name,
     grouped,
 )
 from gplfd_experiments.analysis.results.reading import NON_STANDARD, EpisodeResult
@@ -27,7 +26,6 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
 Look = Mapping[str, Any]
 """Keyword arguments of an artist."""
-PlotPoints = list[tuple[float, float]]
 
 _FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
 """Style of the reference in the panels of others."""
@@ -55,122 +53,120 @@ _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
 
 
 def policy_panels(
-    runs: Mapping[str, Sequence[Any]],
-    reference: str,
-    labels: tuple[str, str],
-    draw: Callable[[Axes, Sequence[Any], str], PlotPoints],
-    without: str = "",
-) -> Figure:
-    """Draw a panel per policy on common axes with labels of x and y.
-
-    ``draw(axes, results, colour)`` draws the results of a policy and returns the points
-    of its curve, which is then drawn, with that of the reference pale behind it.
-    ``without`` is the text in a panel without a curve.
-    """
+    runs: Mapping[str, Sequence[Any]], reference: str, labels: tuple[str, str]
+) -> tuple[Figure, dict[str, tuple[Axes, str]]]:
+    """Return a panel per policy on common axes with labels of x and y, and a colour."""
     n_rows = -(-len(runs) // _MOST)
     columns = max(_FEWEST, -(-len(runs) // n_rows))
     figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + 0.55)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
-    panels: dict[str, tuple[Axes, str, PlotPoints]] = {}
+    panels: dict[str, tuple[Axes, str]] = {}
     for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
         axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
         if place + columns >= len(runs):
             axes.tick_params(labelbottom=True)
-        panels[policy] = axes, tint, draw(axes, runs[policy], tint)
-    faint = panels[reference][2] if reference in panels else []
-    for policy, (axes, tint, points) in panels.items():
-        if faint and policy != reference:
-            axes.plot(*zip(*faint, strict=True), **_FAINT)
-        if points:
+        panels[policy] = axes, tint
+    figure.supxlabel(labels[0], fontsize=7.0)
+    figure.supylabel(labels[1], fontsize=7.0)
+    return figure, panels
+
+
+def draw_curves(
+    panels: Mapping[str, tuple[Axes, str]],
+    reference: str,
+    curves: Mapping[str, Sequence[tuple[float, float]]],
+    without: str = "",
+) -> None:
+    """Draw the policies' curves, with that of the reference pale behind each.
+
+    ``without`` is the text in a panel without a curve.
+    """
+    for policy, (axes, tint) in panels.items():
+        if policy != reference and curves.get(reference):
+            axes.plot(*zip(*curves[reference], strict=True), **_FAINT)
+        if points := curves[policy]:
             line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
             axes.plot(*zip(*points, strict=True), **line)
         else:
             look: Look = {"ha": "center", "transform": axes.transAxes, **_TEXT}
             axes.text(0.5, 0.5, without, fontsize=6.5, **look)
-    figure.supxlabel(labels[0], fontsize=7.0)
-    figure.supylabel(labels[1], fontsize=7.0)
-    return figure
 
 
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
-
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
-        points = []
-        _radius_axis(axes, runs)
+    labels = "radius [m]", "opened to 60°"
+    figure, panels = policy_panels(runs, reference, labels)
+    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
+    for policy, (axes, tint) in panels.items():
+        doors = _doors(axes, runs, policy)
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
-        for radius, here in _doors(episodes):
+        for radius, here in doors:
             rate = success_rate((e.task.seed, e.opened()) for e in here)
-            points.append((radius, rate.estimate))
+            curves[policy].append((radius, rate.estimate))
             axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-        return points
-
-    return policy_panels(runs, reference, ("radius [m]", "opened to 60°"), draw)
+    draw_curves(panels, reference, curves)
+    return figure
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: dots and median."""
-
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
-        points = []
-        _radius_axis(axes, runs)
+    labels = "radius [m]", "peak radial force [N]"
+    figure, panels = policy_panels(runs, reference, labels)
+    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
+    for policy, (axes, tint) in panels.items():
+        doors = _doors(axes, runs, policy)
         axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
         log_scale(axes, "y")
-        for radius, here in _doors(episodes):
+        for radius, here in doors:
             if forces := EPISODE_MEASURES["force_radial_peak"].values(here):
                 radii = [radius] * len(forces)
                 axes.plot(radii, forces, marker="o", ms=1.8, color=tint, **_DOTS)
-                points.append((radius, statistics.median(forces)))
-        return points
-
-    labels = "radius [m]", "peak radial force [N]"
-    return policy_panels(runs, reference, labels, draw, "none opened")
+                curves[policy].append((radius, statistics.median(forces)))
+    draw_curves(panels, reference, curves, "none opened")
+    return figure
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the forecast error of the rest over progress: median and middle half."""
-
-    def draw(axes: Axes, episodes: Sequence[EpisodeResult], tint: str) -> PlotPoints:
+    labels = "door angle / final angle", "error [mm]"
+    figure, panels = policy_panels(runs, reference, labels)
+    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
+    for policy, (axes, tint) in panels.items():
         axes.set_xlim(0.0, 1.0)
         axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
         log_scale(axes, "y")
         errors: dict[float, list[float]] = {}
-        for metrics in (episode.metrics for episode in episodes):
-            steps = metrics["forecast_progress"], metrics["forecast_error_mm"]
-            for progress, error in zip(*steps, strict=True):
+        for metrics in (episode.metrics for episode in runs[policy]):
+            series = metrics["forecast_progress"], metrics["forecast_error_mm"]
+            for progress, error in zip(*series, strict=True):
                 if error is not None:
                     errors.setdefault(progress, []).append(error)
-        if not errors:
-            return []
-        progress = sorted(errors)
-        quartiles = [np.percentile(errors[step], (25, 50, 75)) for step in progress]
-        low, middle, high = np.transpose(quartiles)
-        style.band(axes, np.array(progress), low, high, tint)
-        return list(zip(progress, middle, strict=True))
-
-    labels = "door angle / final angle", "error [mm]"
-    return policy_panels(runs, reference, labels, draw, "no forecast")
+        if errors:
+            steps = sorted(errors)
+            quartiles = [np.percentile(errors[step], (25, 50, 75)) for step in steps]
+            low, middle, high = np.transpose(quartiles)
+            style.band(axes, np.array(steps), low, high, tint)
+            curves[policy] += zip(steps, middle, strict=True)
+    draw_curves(panels, reference, curves, "no forecast")
+    return figure
 
 
 def _doors(
-    episodes: Iterable[EpisodeResult],
+    axes: Axes, runs: Runs, policy: str
 ) -> list[tuple[float, list[EpisodeResult]]]:
-    """Return episodes of standard doors by mean radius, a group per door."""
-    standard = (e for e in episodes if e.split != NON_STANDARD or e.drawn)
-    doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
-    return [(sum(e.radius for e in here) / len(here), here) for here in doors.values()]
-
-
-def _radius_axis(axes: Axes, runs: Runs) -> None:
+    """Return episodes at standard doors by mean radius, and scale the axis of radii."""
     radii = [episode.radius for group in runs.values() for episode in group]
     low, high = min(*radii, *DEMONSTRATED_RADII), max(*radii, *DEMONSTRATED_RADII)
     axes.set_xlim(low - 0.02, high + 0.02)
     for radius in DEMONSTRATED_RADII:
         axes.axvspan(radius - 0.008, radius + 0.008, color=style.SEEN, linewidth=0)
     axes.set_xticks(DEMONSTRATED_RADII, labels=[f"{r:g}" for r in DEMONSTRATED_RADII])
+    standard = [e for e in runs[policy] if e.split != NON_STANDARD or e.drawn]
+    doors = grouped(sorted(standard, key=attrgetter("radius")), "door")
+    return [(sum(e.radius for e in here) / len(here), here) for here in doors.values()]
 
 
 def short(policy: str) -> str:

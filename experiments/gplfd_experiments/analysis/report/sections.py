@@ -1,11 +1,10 @@
 """The sections of a report: a function per question, which a table answers."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
-from typing import Any, Final
+from typing import Final
 
 from gplfd_experiments.analysis.report import document, plots
 from gplfd_experiments.analysis.report.document import Block, Plot, Section, Text, code
@@ -23,20 +22,15 @@ EpisodeResults = Sequence[reading.EpisodeResult]
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
 
 
-def _counting(conditions: Mapping[str, Runs]) -> list[reading.EpisodeResult]:
-    """Return all episodes that count, of all conditions."""
-    groups = (group for runs in conditions.values() for group in runs.values())
-    return [episode for group in groups for episode in group if episode.counts]
-
-
 def summary_table(conditions: Mapping[str, Runs]) -> Table:
     """Return rates and forces by policy, by condition and by kind of door."""
-    counting = _counting(conditions)
+    everything = (group for runs in conditions.values() for group in runs.values())
+    counting = [episode for group in everything for episode in group if episode.counts]
     several_kinds = len({episode.door_kind for episode in counting}) > 1
     groups: dict[str, dict[str, EpisodeResults]] = {}
     for condition, runs in conditions.items():
         here = (episode for group in runs.values() for episode in group)
-        for kind, of_kind in measures.grouped(here, attrgetter("door_kind")).items():
+        for kind, of_kind in measures.grouped(here, "door_kind").items():
             parts = [kind] * several_kinds + [condition] * (len(conditions) > 1)
             for policy, group in measures.ranked(of_kind).items():
                 closed = not any(episode.opened() for episode in group)
@@ -126,7 +120,8 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
 def measures_table(conditions: Mapping[str, Runs]) -> Table:
     """Return rates, all measures and failures by policy and condition."""
-    counting = _counting(conditions)
+    groups = (group for runs in conditions.values() for group in runs.values())
+    counting = [episode for group in groups for episode in group if episode.counts]
     disturbed = [episode for episode in counting if episode.task.disturbance != "none"]
     columns = [
         [EPISODE_MEASURES[metric] for metric in metrics]
@@ -348,40 +343,34 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
     Policies without a number come last, and so do those that opened no door, because
     their small forces are not comparable.
     """
-
-    def rank(item: tuple[str, EpisodeResults]) -> list[float]:
-        typical = {name: MEASURES[name].typical(item[1]) for name in trial.measures}
-        opened = typical.get("success")
-        ranks = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
-        for name, estimate in typical.items():
-            value = estimate.estimate if estimate else math.nan
-            ranks.append(
-                math.inf if math.isnan(value) else -MEASURES[name].sign * value
-            )
-        return ranks
-
-    return {
-        level: dict(sorted(levels[level].items(), key=rank))
-        for level in trial.levels
-        if level in levels
-    }
+    ordered_levels: dict[str, Runs] = {}
+    for level in (level for level in trial.levels if level in levels):
+        ranks: dict[str, list[float]] = {}
+        for policy, episodes in levels[level].items():
+            typical = {m: MEASURES[m].typical(episodes) for m in trial.measures}
+            opened = typical.get("success")
+            rank = [0.0 if opened is None or opened.estimate > 0.0 else 1.0]
+            for name, estimate in typical.items():
+                number = estimate.estimate if estimate else math.nan
+                better = -MEASURES[name].sign * number
+                rank.append(math.inf if math.isnan(better) else better)
+            ranks[policy] = rank
+        order = sorted(ranks, key=ranks.__getitem__)
+        ordered_levels[level] = {policy: levels[level][policy] for policy in order}
+    return ordered_levels
 
 
 def trial_table(trial: protocol.Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
-
-    def row(episodes: EpisodeResults) -> document.Cells:
-        cells = []
-        for name in trial.measures:
-            measure = MEASURES[name]
-            typical = measure.typical(episodes)
-            text = typical.cell(measure.digits) if typical else "no value"
-            cells.append((measure.title, text))
-        return cells
-
     return document.policy_table(
         levels,
-        row,
+        lambda episodes: [
+            (m.title, typical.cell(m.digits) if typical else "no value")
+            for m, typical in (
+                (MEASURES[name], MEASURES[name].typical(episodes))
+                for name in trial.measures
+            )
+        ],
         note="Ordered by the first measure; policies that opened no door come last. "
         "Shares: of episodes, with clustered Wilson intervals. Others: typical value "
         "of a seed, with its 95 % interval.",
@@ -402,12 +391,13 @@ def tier_tables(results: reading.StudyResults) -> list[Block]:
             and episode.counts
             and episode.task.prior_radius is None
         ]
-        levels = measures.grouped(ran, lambda e: (e.task.trial, e.task.level))
+        levels = measures.grouped(ran, "task.trial", "task.level")
+        shares = {name: trials.success_measure(protocol.TRIALS[name]) for name in names}
         rates = {
             policy: statistics.success_rate(
-                (e.task.seed, trials.succeeded(e)) for e in group
+                (e.task.seed, bool(e.number(shares[e.task.trial]))) for e in group
             )
-            for policy, group in measures.by_policy(ran).items()
+            for policy, group in measures.grouped(ran, "policy").items()
             if all(any(e.policy == policy for e in level) for level in levels.values())
         }
         rows = []
@@ -450,17 +440,31 @@ _NOTE: Final = (
     "rest, at known phases; online: with the phase estimated from the samples so far."
 )
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
+_MARKS_NOTE: Final = (
+    "✓ and ✗: whether the number earns the mark by the limits below; where the "
+    "paper says otherwise, its own mark is given. Means over the learning tests. "
+    "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
+    "as published and `gp` as developed here. Tuned: with the settings that "
+    "benchmarks/tune.py found for each method."
+)
 
 
-def learning_section(tests: Results) -> Section:
-    """Return all measures of learning tests without a robot."""
+def learning_section(tests: Results, title: str, *lead: Block) -> Section:
+    """Return all measures of learning tests of any kind, without a robot."""
     groups = {
-        f"{left_out}: {condition.teaching}": here
+        f"{left_out}: {condition.teaching}": measures.grouped(here, "policy")
         for condition, those in measures.by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
         if (here := [test for test in those if test.left_out == held_out])
     }
-    return Section("What was learned, without a robot", [_all_medians(groups)])
+    metrics = [n for n in _PREDICTED if any(t.number(n) is not None for t in tests)]
+    table = document.policy_table(
+        groups or {"": measures.grouped(tests, "policy")},
+        partial(_medians, ("n", *metrics)),
+        title="All measures",
+        note=_NOTE,
+    )
+    return Section(title, [*lead, table])
 
 
 def recorded_section(results: Results) -> Section:
@@ -470,48 +474,34 @@ def recorded_section(results: Results) -> Section:
         "is the share of the path that the hand has covered; **online**, the method "
         "estimates it from the samples so far, as on a robot."
     )
-    tables = overview(results), _all_medians({"": results})
-    title = "What was learned from the recordings"
-    return Section(title, [Text(introduction), *tables])
+    lead = Text(introduction), overview(results)
+    return learning_section(results, "What was learned from the recordings", *lead)
 
 
 def overview(results: Results) -> Table:
     """Return the headlines of all methods, ordered by likelihood."""
-
-    def likelihood(item: tuple[str, Results]) -> float:
-        median = _PREDICTED["nlpd"].median(test for test in item[1] if not test.error)
-        return math.inf if median is None else median
-
-    def row(tests: Results) -> document.Cells:
-        number, *medians = _medians(_SUMMARY, tests)
-        return [*medians, number]
-
-    order = dict(sorted(measures.by_policy(results).items(), key=likelihood))
+    nlpd, groups = _PREDICTED["nlpd"], measures.grouped(results, "policy")
+    medians = {p: nlpd.median(t for t in groups[p] if not t.error) for p in groups}
+    ends = {p: math.inf if value is None else value for p, value in medians.items()}
+    order = {policy: groups[policy] for policy in sorted(ends, key=ends.__getitem__)}
     note = f"**n:** recordings left out, one at a time. {_NOTE}"
+    row = partial(_medians, (*_SUMMARY, "n"))
     return document.policy_table({"": order}, row, note=note)
 
 
-def _all_medians(groups: Mapping[str, Results]) -> Table:
-    """Return the medians of all measures that any of the tests has."""
-    tests = [test for group in groups.values() for test in group]
-    metrics = [n for n in _PREDICTED if any(t.number(n) is not None for t in tests)]
-    runs = {title: measures.by_policy(group) for title, group in groups.items()}
-    row = partial(_medians, metrics)
-    return document.policy_table(runs, row, title="All measures", note=_NOTE)
-
-
-def _medians(metrics: Iterable[str], tests: Results) -> document.Cells:
-    """Return the number of tests, and the median of each measure."""
-    columns = (_PREDICTED[name] for name in metrics)
-    medians = ((column.column, column.text(column.median(tests))) for column in columns)
-    return [("n", str(len(tests))), *medians]
+def _medians(metrics: Sequence[str], tests: Results) -> document.Cells:
+    """Return the median of each measure; "n" is the number of tests."""
+    columns = {name: _PREDICTED[name] for name in metrics if name != "n"}
+    cells = {n: (c.column, c.text(c.median(tests))) for n, c in columns.items()}
+    cells["n"] = "n", str(len(tests))
+    return [cells[name] for name in metrics]
 
 
 def table_one_section(tests: Results) -> Section:
     """The paper's rows and methods, measured marks, and differences."""
     # The condition with most tests.
     ran = measures.by_condition(test for test in tests if not test.error)
-    standard = measures.by_policy(next(iter(ran.values()), []))
+    standard = measures.grouped(next(iter(ran.values()), []), "policy")
     foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
     tuned = [f"{policy}-tuned" for policy in TABLE_1]
     blocks: list[Block] = []
@@ -519,9 +509,28 @@ def table_one_section(tests: Results) -> Section:
         ("Marks with their numbers", (*TABLE_1, *foreign)),
         ("Marks of the tuned methods", tuned),
     ):
-        here = {p: [t.metrics for t in standard[p]] for p in policies if p in standard}
-        if here:
-            blocks.append(_marks(here, title))
+        measured = {
+            p: [t.metrics for t in standard[p]] for p in policies if p in standard
+        }
+        rows = []
+        for row, criterion in CRITERIA.items():
+            limit = criterion.limits[0]
+            bounded = limit.high < math.inf
+            bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
+            cells = {"": f"{row}\n{limit.symbol} {bound}"}
+            for policy, metrics in measured.items():
+                earned, published = mark(criterion, metrics), policy in criterion.paper
+                text, value = _SIGN[earned.passed], earned.value
+                if value is not None and 0.0 < abs(value) < 1e-3:
+                    text += " < 0.001" if value > 0.0 else " > −0.001"
+                elif value is not None:
+                    text += f" {value:.3g}".replace("-", "−")
+                if policy in TABLE_1 and earned.passed not in (None, published):
+                    text = f"**{text}**\n(paper {_SIGN[published]})"
+                cells[code(policy)] = text
+            rows.append(cells)
+        if measured:
+            blocks.append(replace(Table.of(rows), title=title, note=_MARKS_NOTE))
     meanings = Table(
         columns=("row", "what is measured"),
         rows=tuple((item.row, item.sentence) for item in CRITERIA.values()),
@@ -529,33 +538,3 @@ def table_one_section(tests: Results) -> Section:
         left=True,
     )
     return Section("Table 1 of the paper, measured", [*blocks, meanings])
-
-
-def _marks(measured: Mapping[str, Sequence[Mapping[str, Any]]], title: str) -> Table:
-    """Return a row per criterion with a mark and a number per policy."""
-    rows: list[tuple[str, ...]] = []
-    for row, criterion in CRITERIA.items():
-        limit = criterion.limits[0]
-        bounded = limit.high < math.inf
-        bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
-        cells = [f"{row}\n{limit.symbol} {bound}"]
-        for policy, metrics in measured.items():
-            earned, published = mark(criterion, metrics), policy in criterion.paper
-            text, value = _SIGN[earned.passed], earned.value
-            if value is not None and 0.0 < abs(value) < 1e-3:
-                text += " < 0.001" if value > 0.0 else " > −0.001"
-            elif value is not None:
-                text += f" {value:.3g}".replace("-", "−")
-            if policy in TABLE_1 and earned.passed not in (None, published):
-                text = f"**{text}**\n(paper {_SIGN[published]})"
-            cells.append(text)
-        rows.append(tuple(cells))
-    note = (
-        "✓ and ✗: whether the number earns the mark by the limits below; where the "
-        "paper says otherwise, its own mark is given. Means over the learning tests. "
-        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
-        "as published and `gp` as developed here. Tuned: with the settings that "
-        "benchmarks/tune.py found for each method."
-    )
-    columns = ("", *map(code, measured))
-    return Table(columns=columns, rows=tuple(rows), title=title, note=note)

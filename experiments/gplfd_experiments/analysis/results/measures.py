@@ -6,7 +6,7 @@ import math
 import statistics
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter, itemgetter
 from pathlib import Path
@@ -96,7 +96,7 @@ class Measure:
 
     def seed_means(self, results: Iterable[TaskResult]) -> list[float]:
         """Return the mean over the results of each seed that have this measure."""
-        seeds = grouped(results, lambda result: result.task.seed).values()
+        seeds = grouped(results, "task.seed").values()
         by_seed = [values for group in seeds if (values := self.values(group))]
         return [math.fsum(values) / len(values) for values in by_seed]
 
@@ -135,67 +135,45 @@ COLUMNS: Final[Mapping[str, list[list[str]]]] = _TABLES["columns"]
 """Metrics of the columns of the report's tables of episodes."""
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
-GroupT = TypeVar("GroupT")
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
 
-_BAND: Final = 0.1  # Width of a band of random radii [m].
 
-
-def grouped(
-    results: Iterable[ResultT], group: Callable[[ResultT], GroupT]
-) -> dict[GroupT, list[ResultT]]:
-    """Return results by a group key, groups in the order of their first result."""
-    groups: dict[GroupT, list[ResultT]] = {}
+def grouped(results: Iterable[ResultT], *names: str) -> dict[Any, list[ResultT]]:
+    """Return results by an attribute or several, in the order of the first result."""
+    groups: dict[Any, list[ResultT]] = {}
     for result in results:
-        groups.setdefault(group(result), []).append(result)
+        groups.setdefault(attrgetter(*names)(result), []).append(result)
     return groups
-
-
-def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
-    """Return results by the name of their policy."""
-    return grouped(results, attrgetter("policy"))
 
 
 def by_condition(results: Iterable[ResultT]) -> dict[Condition, list[ResultT]]:
     """Return results by condition, those with most results first."""
     names = [*RANDOMIZATIONS]
-
-    groups = grouped((r for r in results if r.condition), attrgetter("condition"))
-
-    def order(item: tuple[Condition, Sequence[ResultT]]) -> tuple[float, ...]:
-        name, noise = item[0].randomization, item[0].teacher_noise
-        number = item[0].demonstrations_per_door
+    groups = grouped((r for r in results if r.condition), "condition")
+    order = {}
+    for condition, group in groups.items():
+        name, noise = condition.randomization, condition.teacher_noise
         place = names.index(name) if name in names else len(names)
-        return -len(item[1]), place, abs(noise - 1.0), noise, abs(number - 2), number
-
-    return dict(sorted(groups.items(), key=order))
+        number = condition.demonstrations_per_door
+        noises, numbers = (abs(noise - 1.0), noise), (abs(number - 2), number)
+        order[condition] = -len(group), place, *noises, *numbers
+    first_to_last = sorted(order, key=order.__getitem__)
+    return {condition: groups[condition] for condition in first_to_last}
 
 
 def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
     """Return episodes by policy, ordered by doors opened, then by radial force."""
-
-    def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
-        counting = [result for result in item[1] if result.counts]
+    groups = grouped(episodes, "policy")
+    ranks = []
+    for policy, group in groups.items():
+        counting = [result for result in group if result.counts]
         opened = sum(result.opened() for result in counting)
         closed = -opened / len(counting) if counting else 1.0
         force = EPISODE_MEASURES["force_radial_peak"].typical(counting)
-        return closed, force.estimate if force else math.inf, item[0]
-
-    return dict(sorted(by_policy(episodes).items(), key=order))
-
-
-def door_name(episode: EpisodeResult) -> str:
-    """Return the name of a door with its radius; for a random radius, with its band."""
-    if episode.drawn:
-        low = _BAND * math.floor(episode.radius / _BAND + 1e-9)
-        return f"{low:.1f}–{low + _BAND:.1f} m"
-    try:
-        float(episode.task.door)
-    except ValueError:
-        return f"{episode.task.door} {episode.radius:g}"
-    return episode.task.door
+        ranks.append((closed, force.estimate if force else math.inf, policy))
+    return {policy: groups[policy] for *_, policy in sorted(ranks)}
 
 
 def closed_because(episodes: Iterable[EpisodeResult]) -> str:
@@ -240,8 +218,7 @@ def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
     over all episodes that have them; None without values.
     """
     rows = []
-    groups = grouped(results, lambda result: (result.policy, result.task.door))
-    for (policy, door), group in groups.items():
+    for (policy, door), group in grouped(results, "policy", "task.door").items():
         counting = [result for result in group if result.counts]
         solved = [result for result in counting if result.solved]
         rate = success_rate((r.task.seed, r.solved) for r in counting)
@@ -264,25 +241,20 @@ def study_rows(results: Iterable[EpisodeResult]) -> list[dict[str, Any]]:
 
 def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of `study_rows`, grouped if there are several kinds of doors."""
-
-    def texts(measures: Iterable[Measure], row: Mapping[str, Any]) -> dict[str, str]:
-        return {
-            measure.column: measure.text(row[measure.metric]) for measure in measures
-        }
-
     kinds = list(dict.fromkeys(row["door_kind"] for row in rows))
     lines: list[dict[str, str]] = []
     previous = kinds[0] if len(kinds) == 1 else None
     for row in sorted(rows, key=lambda row: kinds.index(row["door_kind"])):
         cells = {"policy": row["policy"], "door": row["door"]}
-        cells |= {"opened": f"{row['opened']}/{row['episodes']}"}
-        cells |= texts(_OF_SOLVED[:1], row)
-        if any(other["not_opened_because"] for other in rows):
-            cells[_WHY] = row["not_opened_because"]
-        cells |= texts(_OF_SOLVED[1:], row) | {"95 %": row["interval"]}
-        if any(other["errors"] for other in rows):
-            cells["errors"] = str(row["errors"])
-        cells |= texts(_OF_ALL, row)
+        cells["opened"] = f"{row['opened']}/{row['episodes']}"
+        for measure in (*_OF_SOLVED, *_OF_ALL):
+            cells[measure.column] = measure.text(row[measure.metric])
+            if measure is _OF_SOLVED[0] and any(r["not_opened_because"] for r in rows):
+                cells[_WHY] = row["not_opened_because"]
+            if measure is _OF_SOLVED[-1]:
+                cells["95 %"] = row["interval"]
+                if any(other["errors"] for other in rows):
+                    cells["errors"] = str(row["errors"])
         if row["door_kind"] != previous:
             previous = row["door_kind"]
             lines.append(dict.fromkeys(cells, "") | {"policy": f"**{previous}**"})
@@ -299,10 +271,10 @@ def remarks(results: Sequence[EpisodeResult]) -> list[str]:
     texts = []
     for which, text in ((False, failed), (True, lost)):
         if some := [r for r in results if r.error and r.lost == which]:
-            groups = by_policy(some).items()
+            groups = grouped(some, "policy").items()
             numbers = ", ".join(f"{name} {len(group)}" for name, group in groups)
             texts.append(f"{len(some)} of {len(results)} episodes {text}: {numbers}.")
-    for name, group in by_policy(r for r in results if not r.error).items():
+    for name, group in grouped((r for r in results if not r.error), "policy").items():
         if late := late_decisions([result.metrics for result in group]):
             texts.append(f"{name}: {late}.")
     return texts

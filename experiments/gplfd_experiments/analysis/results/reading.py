@@ -1,6 +1,7 @@
 """Read the results of a study from its files, and list those without a result."""
 
 import json
+import math
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -24,6 +25,7 @@ SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """Relations of doors to the demonstrated ones of their kind, in display order."""
 
 _SAME_RADIUS: Final = 1e-3  # Radii that differ by less count as equal [m].
+_BAND: Final = 0.1  # Width of a band of random radii [m].
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -39,8 +41,14 @@ class TaskResult:
     """The result of one task: of an episode, or of a learning test."""
 
     task: Task
+    policy: str
+    """Name of the policy."""
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
+    key: Key
+    """Seed, and the key of the task among those of all policies."""
+    left_out: str
+    """What a learning test left out: demonstration, radius or recording."""
     metrics: Mapping[str, Any]
     """Numbers are finite or None."""
     error: str
@@ -58,21 +66,6 @@ class TaskResult:
     condition: settings.Condition | None
     """Condition that this task shares with others in the same table; None for a
     learning test on the user's recordings."""
-
-    @property
-    def policy(self) -> str:
-        """Name of the policy."""
-        return self.task.policy
-
-    @property
-    def key(self) -> Key:
-        """Seed, and the key of the task among those of all policies."""
-        return self.task.seed, self.pair
-
-    @property
-    def left_out(self) -> str:
-        """What a learning test left out: demonstration, radius or recording."""
-        return getattr(self.task, "held_out", "recording")
 
     def number(self, name: str) -> float | None:
         """Return a metric or None; a policy that raises an error keeps no grasp."""
@@ -96,15 +89,14 @@ class EpisodeResult(TaskResult):
     split: str
     """Relation of the door to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
+    door: str
+    """Name of the door with its radius; for a random radius, with its band."""
+    solved: bool
+    """Whether the door was held at 60 degrees with the handle in the hand."""
 
     def opened(self, angle: int = 60) -> bool:
         """Return whether the door ever reached 15, 30 or 60 degrees."""
         return self.number(f"time_to_{angle}_deg") is not None
-
-    @property
-    def solved(self) -> bool:
-        """Whether the door was held at 60 degrees with the handle in the hand."""
-        return bool(self.metrics.get("success"))
 
     @property
     def failure(self) -> str:
@@ -125,11 +117,8 @@ class StudyResults:
     """Learning tests on left-out recordings of the user."""
     unreadable: tuple[str, ...]
     """Names of files without a result, with the reason."""
-
-    @property
-    def all(self) -> tuple[TaskResult, ...]:
-        """Episodes, learning tests, and recordings left out."""
-        return (*self.episodes, *self.tests, *self.recorded)
+    all: tuple[TaskResult, ...]
+    """Episodes, learning tests, and recordings left out."""
 
 
 def read_results(*folders: Path) -> StudyResults:
@@ -174,20 +163,22 @@ def read_results(*folders: Path) -> StudyResults:
             study = read_study(folders[0])
     except (OSError, ValueError) as error:
         unreadable.append(_reason(file, error))
-
-    def order(result: TaskResult) -> tuple[Any, ...]:
-        place: tuple[float, str] = 0.0, result.left_out
-        if isinstance(result, EpisodeResult):
-            place = result.radius, result.task.door
-        return (result.policy, str(result.condition), *place, result.key)
-
-    results.sort(key=order)
+    results.sort(
+        key=lambda result: (
+            *(result.policy, str(result.condition), getattr(result, "radius", 0.0)),
+            *(getattr(result.task, "door", result.left_out), result.key),
+        )
+    )
+    opened = tuple(r for r in results if isinstance(r, EpisodeResult))
+    tests = tuple(r for r in results if isinstance(r.task, tasks.SkillTask))
+    recorded = tuple(r for r in results if isinstance(r.task, tasks.RecordedTask))
     return StudyResults(
         study=study,
-        episodes=tuple(r for r in results if isinstance(r, EpisodeResult)),
-        tests=tuple(r for r in results if isinstance(r.task, tasks.SkillTask)),
-        recorded=tuple(r for r in results if isinstance(r.task, tasks.RecordedTask)),
+        episodes=opened,
+        tests=tests,
+        recorded=recorded,
         unreadable=tuple(unreadable),
+        all=(*opened, *tests, *recorded),
     )
 
 
@@ -234,9 +225,13 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         noise, usual = TeacherConfig(**task.teacher), TeacherConfig()
         ratio = round(noise.wobble_position_std / usual.wobble_position_std, 6)
         condition = settings.Condition(teacher_noise=ratio, **common)
+    pair = replace(task, policy="", policy_source=None).key
     shared: dict[str, Any] = {
         "task": task,
-        "pair": replace(task, policy="", policy_source=None).key,
+        "policy": task.policy,
+        "pair": pair,
+        "key": (task.seed, pair),
+        "left_out": getattr(task, "held_out", "recording"),
         "error": error,
         "lost": lost,
         "counts": not (lost if isinstance(task, EpisodeTask) else error),
@@ -262,6 +257,13 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         split = NON_STANDARD
     elif any(abs(radius - taught) < _SAME_RADIUS for taught in task.demonstrated_radii):
         split = DEMONSTRATED
+    drawn = randomization.door_randomization(task.randomization).radius is not None
+    low = _BAND * math.floor(radius / _BAND + 1e-9)
+    name = f"{low:.1f}–{low + _BAND:.1f} m" if drawn else task.door
+    try:
+        float(task.door)
+    except ValueError:
+        name = name if drawn else f"{name} {radius:g}"
     # All properties of the door that determine its motion.
     latch = "" if door.latch == "none" else f" with {door.latch} latch"
     side = {"right": "", "left": ", hinge on the left"}.get(
@@ -272,8 +274,10 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         metrics=metrics,
         radius=radius,
         demonstrations=str(record.get("demonstrations", "")),
-        drawn=randomization.door_randomization(task.randomization).radius is not None,
+        drawn=drawn,
         split=split,
         door_kind=f"{motion}{door.handle}{latch}, {door.swing}{side}",
+        door=name,
+        solved=bool(metrics.get("success")),
         **shared,
     )

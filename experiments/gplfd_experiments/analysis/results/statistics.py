@@ -67,13 +67,10 @@ class Rate:
 
     successes: int
     trials: int
+    estimate: float
+    """Successes over trials."""
     low: float
     high: float
-
-    @property
-    def estimate(self) -> float:
-        """Successes over trials."""
-        return self.successes / self.trials if self.trials else math.nan
 
     @property
     def interval(self) -> str:
@@ -102,7 +99,8 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     trials = sum(map(len, clusters.values()))
     successes = sum(map(sum, clusters.values()))
     if not trials:
-        return Rate(successes=0, trials=0, low=math.nan, high=math.nan)
+        unknown = dict.fromkeys(("estimate", "low", "high"), math.nan)
+        return Rate(successes=0, trials=0, **unknown)
 
     # Number of trials of a seed that are equivalent to one independent trial.
     sizes = np.array([len(group) for group in clusters.values()], dtype=float)
@@ -125,6 +123,7 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     return Rate(
         successes=successes,
         trials=trials,
+        estimate=rate,
         low=max((centre - spread) / scale, 0.0),
         high=min((centre + spread) / scale, 1.0),
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from gplfd_experiments.analysis.results import measures, statistics
-from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
+from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.trials import protocol
@@ -54,12 +54,12 @@ class Answer:
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
     """Return the episodes of every trial in a study, levels in the trial's order."""
     trials: dict[str, ByLevel] = {}
-    ran = measures.grouped(results.episodes, lambda episode: episode.task.trial)
+    ran = measures.grouped(results.episodes, "task.trial")
     for name in (name for name in protocol.TRIALS if name in ran):
-        levels = measures.grouped(ran[name], lambda episode: episode.task.level)
+        levels = measures.grouped(ran[name], "task.level")
         order = dict.fromkeys((*protocol.TRIALS[name].levels, *levels))
         trials[name] = {
-            level: measures.by_policy(levels[level])
+            level: measures.grouped(levels[level], "policy")
             for level in order
             if level in levels
         }
@@ -69,19 +69,18 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
     measure = MEASURES[contrast.measure]
-
-    def numbers(side: protocol.Side) -> dict[statistics.Key, float]:
-        """Return the measure by seed and door, and by level if levels are pooled."""
-        # Levels of a comparison have the same doors.
-        return {
+    # By seed and door, and by level if levels are pooled: those that are compared have
+    # the same doors.
+    having, lacking = (
+        {
             (e.task.seed, f"{'' if side.level else level} {e.task.door}"): value
             for level, runs in levels.items()
             if side.level in ("", level)
             for e in runs.get(side.policy, ())
             if (value := measure.of(e)) is not None
         }
-
-    having, lacking = numbers(contrast.having), numbers(contrast.lacking)
+        for side in (contrast.having, contrast.lacking)
+    )
     means = statistics.paired(having, lacking)
     difference = None
     if means[0]:
@@ -110,26 +109,18 @@ def deciding_measure(trial: protocol.Trial) -> str:
     return next(numbers, trial.measures[0])
 
 
-def succeeded(episode: EpisodeResult) -> bool:
-    """Return whether an episode of a trial succeeded by the trial's measure."""
-    return bool(episode.number(success_measure(protocol.TRIALS[episode.task.trial])))
-
-
 def trial_answers(results: StudyResults) -> dict[str, Any]:
     """Return every number of trials, seed by seed, and every contrast, for JSON."""
 
-    def rounded(value: float) -> float | None:
-        return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    def rounded(*values: float) -> list[float | None]:
+        """Return numbers with few digits; None for those that are unknown."""
+        return [float(f"{v:.{_DIGITS}g}") if math.isfinite(v) else None for v in values]
 
     def interval(estimate: statistics.Estimate | None) -> dict[str, Any]:
-        """Return an estimate and its 95 % interval; None for unknown values."""
+        """Return an estimate and its 95 % interval."""
         ends = ("estimate", "low", "high")
-        return {name: rounded(getattr(estimate, name, math.nan)) for name in ends}
-
-    def measured(name: str, episodes: Sequence[EpisodeResult]) -> dict[str, Any]:
-        measure = MEASURES[name]
-        seeds = [*map(rounded, measure.seed_means(episodes))]
-        return {**interval(measure.typical(episodes)), "seeds": seeds}
+        numbers = rounded(*(getattr(estimate, end, math.nan) for end in ends))
+        return dict(zip(ends, numbers, strict=True))
 
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
@@ -141,7 +132,11 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     "episodes": len(episodes),
                     "errors": sum(bool(e.error) for e in episodes if e.counts),
                     "lost": sum(e.lost for e in episodes),
-                    **{m: measured(m, episodes) for m in trial.measures},
+                    **{
+                        measure: interval(MEASURES[measure].typical(episodes))
+                        | {"seeds": rounded(*MEASURES[measure].seed_means(episodes))}
+                        for measure in trial.measures
+                    },
                 }
                 for policy, episodes in levels.get(level, {}).items()
             }
@@ -197,7 +192,7 @@ def protocol_problems(results: StudyResults) -> list[str]:
         if episode.demonstrations != hashes[episode.task.demonstrations_key]
     ]
     check(differing, "episodes used other demonstrations, or do not state which")
-    for policy, episodes in measures.by_policy(trials).items():
+    for policy, episodes in measures.grouped(trials, "policy").items():
         # Comparison with the episodes that the protocol plans.
         names = tuple(dict.fromkeys(episode.task.trial for episode in episodes))
         try:
