@@ -66,11 +66,9 @@ class Observed(NamedTuple):
 
     seq: int
     time: float
-    values: dict[str, np.ndarray]  # also time (1,), ee_pose (6,) and wrench (6,)
-
-    def copied(self) -> dict[str, np.ndarray]:
-        """Return copies of the values, which an agent may change."""
-        return {name: value.copy() for name, value in self.values.items()}
+    pose: np.ndarray  # (6,)
+    wrench: np.ndarray  # (6,)
+    values: dict[str, np.ndarray]  # for the agent, which may change them
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
@@ -118,7 +116,8 @@ def observed(message: Mapping[str, Any], most_turned: float) -> Observed:
                 text = f"{name:.40} {entries!r:.80} is outside {limit}"
                 raise ProtocolError("range", text, seq)
         values[name] = np.array(entries, dtype=np.float64)
-    return Observed(seq, float(values["time"][0]), values)
+    pose, wrench = values["ee_pose"].copy(), values["wrench"].copy()
+    return Observed(seq, float(values["time"][0]), pose, wrench, values)
 
 
 def numbers(array: Any) -> Any:

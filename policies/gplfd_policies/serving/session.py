@@ -154,13 +154,12 @@ class Session:
         return self._observe(observed(message, self._most_turned), now)
 
     def _reset(self, observation: Observed, now: float) -> Message:
-        pose, wrench = observation.values["ee_pose"], observation.values["wrench"]
-        if problem := exceeded(self._settings, pose, wrench):
+        if problem := exceeded(self._settings, observation.pose, observation.wrench):
             raise ProtocolError("limit", f"no reset: {problem}", observation.seq)
         if self.state == "idle":
             self._begin(observation, now)
         try:
-            self._agent.reset(observation.copied())
+            self._agent.reset(observation.values)
             if (expected := self._agent.forecast()) is not None:
                 # What the agent itself turns by, and what the hand may be beside it.
                 turned = float(np.abs(expected.mean[:, 3:]).max())
@@ -182,37 +181,18 @@ class Session:
         self._time = math.nextafter(observation.time, -math.inf)
         self._next = observation.time - _BURST * CONTROL_PERIOD
         self._fault_since = self._away_since = math.inf
-        self._pose = observation.values["ee_pose"]
+        self._pose = observation.pose
         soft = self._agent.control == "impedance"
         self._stiffness = self._softest if soft else DEFAULT_PROFILE.k_max
         self._decided: Message = {}
 
     def _observe(self, observation: Observed, now: float) -> Message:
-        silent = observation.time - self._time
-        missed = self._check_order(observation, now)
-        self._heard, step = now, None
-        if silent >= self._settings.stop_after:
-            self._stop("no valid observation in the robot's time", now)
-        if self.state != "stopped":
-            self.reason = self._fault(observation)
-            if not self.reason:
-                self.state, self._fault_since = "active", math.inf
-                step = self._decision(observation, now)
-            else:
-                self.state = "holding"
-                self._fault_since = min(self._fault_since, observation.time)
-                if observation.time - self._fault_since >= self._settings.stop_after:
-                    self._stop(self.reason, now)
-        reply = self._command(now, step)
-        return {**reply, "missed": missed} if missed else reply
-
-    def _check_order(self, observation: Observed, now: float) -> int:
-        """Raise if an observation is not the next; return the number of lost ones.
+        """Check that an observation is the next, and the robot; return the command.
 
         An observation is late if its delay exceeds the shortest by `hold_after`, which
         increases with the greatest drift of the clocks.
         """
-        seq, time = observation.seq, observation.time
+        settings, (seq, time, pose, wrench, _) = self._settings, observation
         if seq <= self._seq or time <= self._time:
             code = "duplicate" if seq == self._seq else "order"
             last = f"seq {self._seq} at {self._time} s"
@@ -222,7 +202,7 @@ class Session:
         self._offset = min(self._offset + drift, now - time)
         self._offset_at = now
         delay = now - time - self._offset
-        if delay > self._settings.hold_after:
+        if delay > settings.hold_after:
             text = f"seq {seq} is {delay:.3f} s older than others were"
             raise ProtocolError("late", text, seq)
         if time < self._next:
@@ -230,26 +210,32 @@ class Session:
             raise ProtocolError("early", text, seq)
         earliest = time - _BURST * CONTROL_PERIOD
         self._next = max(self._next, earliest) + CONTROL_PERIOD
-        missed = seq - self._seq - 1
-        self._seq, self._time = seq, time
-        return missed
-
-    def _fault(self, observation: Observed) -> str:
-        """Return the reason why the robot must stop, or ""."""
-        pose, lost = observation.values["ee_pose"], False
-        if exceeds_following_error(self._settings, pose, self._pose):
-            self._away_since = min(self._away_since, observation.time)
-            away = observation.time - self._away_since
-            lost = away >= self._settings.follow_time
-        else:
-            self._away_since = math.inf
-        problem = exceeded(self._settings, pose, observation.values["wrench"])
-        return problem or ("the robot does not follow" if lost else "")
+        missed, silent = seq - self._seq - 1, time - self._time
+        self._seq, self._time, self._heard, step = seq, time, now, None
+        if silent >= settings.stop_after:
+            self._stop("no valid observation in the robot's time", now)
+        if self.state != "stopped":
+            # Whether the robot must stop, and why.
+            away = exceeds_following_error(settings, pose, self._pose)
+            self._away_since = min(self._away_since, time) if away else math.inf
+            self.reason = exceeded(settings, pose, wrench)
+            if not self.reason and time - self._away_since >= settings.follow_time:
+                self.reason = "the robot does not follow"
+            if not self.reason:
+                self.state, self._fault_since = "active", math.inf
+                step = self._decision(observation, now)
+            else:
+                self.state = "holding"
+                self._fault_since = min(self._fault_since, time)
+                if time - self._fault_since >= settings.stop_after:
+                    self._stop(self.reason, now)
+        reply = self._command(now, step)
+        return {**reply, "missed": missed} if missed else reply
 
     def _decision(self, observation: Observed, now: float) -> AgentStep | None:
         """Return the step of the agent, or stop if it must not be commanded."""
         try:
-            step = self._agent.act(observation.copied())
+            step = self._agent.act(observation.values)
             width = getattr(self._agent, "gripper_width", None)
             width = {} if width is None else {"gripper_width": float(width)}
             command = step.command(self._agent.control)
@@ -261,7 +247,7 @@ class Session:
         if not finite or np.abs(step.action[3:]).max() > most:
             text = f"the agent's command is not finite, or beyond ±{most} rad"
         elif not self._decided and exceeds_following_error(
-            self._settings, observation.values["ee_pose"], step.action
+            self._settings, observation.pose, step.action
         ):
             text = "the agent begins far from the hand"
         else:

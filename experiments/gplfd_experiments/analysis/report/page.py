@@ -42,7 +42,7 @@ def write_report(
     for name, text in pages.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    if any(episode.task.trial for episode in results.episodes):
+    if trials.of_trials(results):
         write_json(folder / trials.FILE, trials.trial_answers(results), indent=None)
     return folder / HTML
 
