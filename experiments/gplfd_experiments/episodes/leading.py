@@ -143,8 +143,8 @@ class SyntheticCorrector:
 
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
         """Return the command while the hand is led."""
-        now = float(observation["time"][0])
-        angle = float(self._door.angle(observation["ee_pose"][:3]))
+        now, door = float(observation["time"][0]), self._door
+        angle = float(door.angle(observation["ee_pose"][:3]))
         if angle > self._mark[1] + _PROGRESS:
             self._mark = (now, angle)
         if self._taken is None:
@@ -155,23 +155,7 @@ class SyntheticCorrector:
             self._taken, self._handed = now, None
             self._from, self._point = np.array(step.action), max(angle, 0.0)
         since = now - self._taken
-        taken = minimum_jerk(np.array(since / BLEND_TIME))
-        pull = self._pull(now, since, angle)
-        command: FloatArray = (1.0 - taken) * self._from + taken * pull
-        if self._handed is None:
-            apart = np.linalg.norm(step.action[:3] - command[:3])
-            if since >= _LEAD_TIME and apart < _DEVIATION:
-                self._handed = now
-            return command
-        left = (now - self._handed) / BLEND_TIME
-        if left >= 1.0:
-            self._taken, self._mark = None, (now, angle)
-        share = minimum_jerk(np.array(left))
-        return np.asarray((1.0 - share) * command + share * step.action)
-
-    def _pull(self, now: float, since: float, angle: float) -> FloatArray:
-        """Return the pose that pulls the hand along the path, (6,)."""
-        door = self._door
+        # The pose that pulls the hand along the path.
         turns = door.travel > 0.0
         ends = door.hand_poses([angle, angle + 1e-3])[:, :3]
         metres_per_radian = float(np.linalg.norm(ends[1] - ends[0])) / 1e-3
@@ -187,8 +171,19 @@ class SyntheticCorrector:
             press = Press(_PRESS_TIME, door.travel)
             turn = float(handle_angles(press, share, np.array(self._point)))
         row = min(round(now / CONTROL_PERIOD), len(self._tremor) - 1)
-        pose = door.easy_hand_poses(self._point, turn)
-        return np.asarray(pose + self._tremor[row])
+        pull = door.easy_hand_poses(self._point, turn) + self._tremor[row]
+        taken = minimum_jerk(np.array(since / BLEND_TIME))
+        command: FloatArray = (1.0 - taken) * self._from + taken * pull
+        if self._handed is None:
+            apart = np.linalg.norm(step.action[:3] - command[:3])
+            if since >= _LEAD_TIME and apart < _DEVIATION:
+                self._handed = now
+            return command
+        left = (now - self._handed) / BLEND_TIME
+        if left >= 1.0:
+            self._taken, self._mark = None, (now, angle)
+        share = minimum_jerk(np.array(left))
+        return np.asarray((1.0 - share) * command + share * step.action)
 
 
 LOST: Final = "grasp_lost"

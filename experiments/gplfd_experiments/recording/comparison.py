@@ -108,42 +108,37 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
     ends = np.array([0.0, max(log.times[-1] for log in logs)])
     yield from panels.series(f"{panels.ROOT}/angle/opened", ends, mark)
     for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
-        yield from _robot(number, log, colour, model)
-        line, policy = panels.Line(log.policy, colour, 1.5), _part(log)
+        # A robot at its door, and its path at the common door.
+        part = _part(log)
+        root, overlay = f"/robots{part}", f"{_OVERLAY}{motion.ROOT}/paths{part}"
+        shift = rr.Transform3D(translation=SPACING * number * ROW)
+        yield static(f"{root}/world", shift)
+        hand = list(motion.hand_motion(log))
+        for chunks in (
+            scene.drawn_scene(model),
+            motion.door_frame(model, log.config, []),
+            scene.moved_scene(model, log),
+            motion.policy_motion(log),
+            hand,
+            parts.balls(log),
+        ):
+            yield from _moved_to(root, chunks)
+        for chunk in hand:
+            if chunk.entity_path == motion.TRAIL:
+                yield chunk.with_entity_path(overlay)
+        tube = rr.LineStrips3D.from_fields(colors=colour, radii=0.007)
+        for entity in (f"{root}{motion.TRAIL}", overlay):
+            yield static(entity, tube)
+        ended = SHORT.get(log.failure, log.failure.replace("_", " "))
+        outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
+        look: dict[str, Any] = {"radii": 0.012, "colors": colour, "show_labels": True}
+        label = rr.Points3D([_LABEL], labels=[f"{log.policy}: {outcome}"], **look)
+        yield static(f"{root}{motion.ROOT}/label", label)
+        line = panels.Line(log.policy, colour, 1.5)
         angles, radial = log.opening.door_angle, np.abs(log.forces.force_radial)
         for plot, values in (("angle", np.degrees(angles)), ("radial", radial)):
-            yield from panels.series(
-                f"{panels.ROOT}/{plot}{policy}", log.times, {line: values}
-            )
-
-
-def _robot(
-    number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
-) -> Iterator[Chunk]:
-    """A robot at its door, and its path at the common door."""
-    root = f"/robots{_part(log)}"
-    overlay = f"{_OVERLAY}{motion.ROOT}/paths{_part(log)}"
-    yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
-    hand = list(motion.hand_motion(log))
-    for chunks in (
-        scene.drawn_scene(model),
-        motion.door_frame(model, log.config, []),
-        scene.moved_scene(model, log),
-        motion.policy_motion(log),
-        hand,
-        parts.balls(log),
-    ):
-        yield from _moved_to(root, chunks)
-    for chunk in hand:
-        if chunk.entity_path == motion.TRAIL:
-            yield chunk.with_entity_path(overlay)
-    for entity in (f"{root}{motion.TRAIL}", overlay):
-        yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
-    ended = SHORT.get(log.failure, log.failure.replace("_", " "))
-    outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
-    look: dict[str, Any] = {"radii": 0.012, "colors": colour, "show_labels": True}
-    label = rr.Points3D([_LABEL], labels=[f"{log.policy}: {outcome}"], **look)
-    yield static(f"{root}{motion.ROOT}/label", label)
+            path = f"{panels.ROOT}/{plot}{part}"
+            yield from panels.series(path, log.times, {line: values})
 
 
 def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:

@@ -65,12 +65,26 @@ def write_recording(
     batcher = rr.ChunkBatcherConfig.NEVER()
     stream = rr.RecordingStream(_APPLICATION, batcher_config=batcher)
     stream.set_log_time_enabled(False)  # Wall-clock times are irrelevant.
+    hidden = (rrb.BlueprintPanel, rrb.SelectionPanel, rrb.TopPanel)
+    layout = rrb.Blueprint(
+        views,
+        rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing"),
+        *(panel(state="hidden") for panel in hidden),
+        auto_views=False,
+        auto_layout=False,
+    )
     try:
         # In memory, because Rerun's thread for a file hangs or ends on a full disk.
         recording = stream.memory_recording().storage
         source = _blueprint_source(os.getpid())
         blueprint = source.memory_recording().storage
-        source.send_chunks(_layout(views))
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            # On a busy machine, the file has no table of contents yet.
+            warnings.filterwarnings("ignore", "RRD file has no footer")
+            file = Path(folder) / "layout.rbl"
+            layout.save(_APPLICATION, file)
+            reader = RrdReader(file)
+            source.send_chunks(reader.stream(store=reader.blueprints()[0]))
         native = stream.to_native()
         bindings.send_blueprint(blueprint, False, True, recording=native)
         stream.send_recording_name(name)
@@ -80,25 +94,6 @@ def write_recording(
         stream.disconnect()
     with complete_or_absent(path) as temporary:
         temporary.write_bytes(content)
-
-
-def _layout(views: rrb.Container) -> tuple[Chunk, ...]:
-    """Return a layout of views without other panels, as Rerun writes it."""
-    hidden = (rrb.BlueprintPanel, rrb.SelectionPanel, rrb.TopPanel)
-    layout = rrb.Blueprint(
-        views,
-        rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing"),
-        *(panel(state="hidden") for panel in hidden),
-        auto_views=False,
-        auto_layout=False,
-    )
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        # On a busy machine, the file has no table of contents yet.
-        warnings.filterwarnings("ignore", "RRD file has no footer")
-        file = Path(folder) / "layout.rbl"
-        layout.save(_APPLICATION, file)
-        reader = RrdReader(file)
-        return tuple(reader.stream(store=reader.blueprints()[0]))
 
 
 @functools.cache

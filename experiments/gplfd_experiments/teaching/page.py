@@ -65,29 +65,6 @@ class TeachingSession:
         self.phase, self._since = "ready", 0.0
         self._message = f"{note} {self._lesson.invitation}".strip()
 
-    def _press(self, press: str, now: float) -> None:
-        if press in ("stop", "keep") and self.phase == "leading":
-            self._stop(now)
-        if press == "keep" and self.phase == "shown":
-            try:
-                self._store.keep(self._lesson.record())
-            except (OSError, ValueError) as error:
-                self._message = f"Not kept: {error}. Keep it again, or repeat it."
-                return
-            self._begin("Kept.")
-        elif press == "repeat":
-            self._begin("Repeat it.")
-        elif press in ("discard", "next"):
-            self._lesson.close()
-            self._doors.append(self._doors.pop(0))
-            self._lesson = self._doors[0]()
-            self._begin()
-        elif press == "finish":
-            self.phase = "finished"
-            number, place = len(self._store.kept), self._store.place
-            what = "recording is" if number == 1 else "recordings are"
-            self._message = f"Finished: {number} {what} kept in {place}."
-
     def _stop(self, now: float) -> None:
         try:
             self._message = f"{self._lesson.result()} Keep it?"
@@ -105,7 +82,27 @@ class TeachingSession:
         sample, press = checked_input(request.get("input")), request.get("press", "")
         if press not in PRESSES:
             raise ValueError(f"press {press!r:.40} must be one of {PRESSES}")
-        self._press(press, now)
+        if press in ("stop", "keep") and self.phase == "leading":
+            self._stop(now)
+        if press == "keep" and self.phase == "shown":
+            try:
+                self._store.keep(self._lesson.record())
+            except (OSError, ValueError) as error:
+                self._message = f"Not kept: {error}. Keep it again, or repeat it."
+            else:
+                self._begin("Kept.")
+        elif press == "repeat":
+            self._begin("Repeat it.")
+        elif press in ("discard", "next"):
+            self._lesson.close()
+            self._doors.append(self._doors.pop(0))
+            self._lesson = self._doors[0]()
+            self._begin()
+        elif press == "finish":
+            self.phase = "finished"
+            number, place = len(self._store.kept), self._store.place
+            what = "recording is" if number == 1 else "recordings are"
+            self._message = f"Finished: {number} {what} kept in {place}."
         lesson = self._lesson
         if self.phase == "ready" and (sample.any() or press == "start"):
             self.phase, self._since = "leading", now - CONTROL_PERIOD

@@ -13,7 +13,7 @@ from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_r
 from gplfd_experiments.console import arguments, progress
 from gplfd_experiments.episodes import build, leading
 from gplfd_experiments.episodes.metrics import why_closed
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.files import plain_data, table
 from gplfd_experiments.studies import engines, runner
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
@@ -139,27 +139,25 @@ def correct_skill(
     store = lesson.CorrectedSkill(method, skill, out)
     named = named_doors(doors).items()
     tasks = [episode_task(*door, policy=policy, seed=seed) for door in named]
-    if page is None:
-        return store.skill, [_corrected(task, store) for task in tasks]
-    lessons = [
-        partial(lesson.CorrectionLesson, task, store, page["device"], drawn=True)
-        for task in tasks
-    ]
-    serve(TeachingSession(lessons, store), "correct", **page)
-    return store.skill, [_row(correction, "kept") for correction in store.kept]
-
-
-def _corrected(task: EpisodeTask, store: lesson.CorrectedSkill) -> Row:
-    """Let the synthetic corrector watch an episode; return what happened."""
-    progress.LOG.info("%s: watching", task.door)
-    agent, opened = store.method.follow(store.skill), partial(build.open_watched, task)
-    log, correction = leading.corrected(agent, task.seed, task.door, opened)
-    if correction is None:
-        watched = why_closed(log.failure, log.reason) or "opened alone"
-        return {"door": task.door, "watched": watched, "then": "-"}
-    store.keep(correction)
-    alone = opened(store.method.follow(store.skill))
-    return _row(correction, why_closed(alone.failure, alone.reason) or "opened alone")
+    if page is not None:
+        lesson_of = partial(lesson.CorrectionLesson, drawn=True)
+        lessons = [partial(lesson_of, task, store, page["device"]) for task in tasks]
+        serve(TeachingSession(lessons, store), "correct", **page)
+        return store.skill, [_row(correction, "kept") for correction in store.kept]
+    rows: list[Row] = []
+    for task in tasks:
+        progress.LOG.info("%s: watching", task.door)
+        agent, opened = method.follow(store.skill), partial(build.open_watched, task)
+        log, correction = leading.corrected(agent, task.seed, task.door, opened)
+        if correction is None:
+            watched = why_closed(log.failure, log.reason) or "opened alone"
+            rows.append({"door": task.door, "watched": watched, "then": "-"})
+        else:
+            store.keep(correction)
+            alone = opened(method.follow(store.skill))
+            then = why_closed(alone.failure, alone.reason) or "opened alone"
+            rows.append(_row(correction, then))
+    return store.skill, rows
 
 
 def _row(correction: Correction, then: str) -> Row:

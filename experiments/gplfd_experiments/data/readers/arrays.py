@@ -167,8 +167,21 @@ def _motion(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecordin
             if "qw" in names and key.lower() not in tables.ARRAYS:
                 settings = replace(settings, quaternions=None)  # It had its effect.
         if names:
-            # There may be fewer columns, of positions without z.
-            rows = _as_rows(key, array, len(names))
+            # Rows of samples; MATLAB has vectors as rows or columns.
+            width, rows = len(names), array
+            if width == 1 and _vector(array):
+                rows = array.reshape(-1, 1)
+            elif width == 9 and array.ndim == 3:  # Matrices, along MATLAB's last axis.
+                last = array.shape[:2] == (3, 3)
+                rows = np.moveaxis(array, -1, 0) if last else array
+                rows = rows.reshape(len(rows), -1)
+            # Positions may lack z, and forces their torques.
+            allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))
+            if rows.ndim == 2 and rows.shape[1] not in allowed:
+                rows = rows.T if rows.shape[0] in allowed else rows
+            if rows.ndim != 2 or rows.shape[1] not in allowed:
+                wrong = f"{key!r} has shape {rows.shape}, must be (N, {width})"
+                raise ValueError(wrong)
             values += list(rows.T)
             heads += names[: rows.shape[1]]
         else:
@@ -178,22 +191,6 @@ def _motion(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecordin
     places = tables.named_columns(heads, name)
     columns = {column: (values[at], unit) for column, (at, unit) in places.items()}
     return tables.recording(name, columns, settings, unused)
-
-
-def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
-    """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
-    if width == 1 and _vector(array):
-        return array.reshape(-1, 1)
-    if width == 9 and array.ndim == 3:  # Matrices, of MATLAB along the last axis.
-        array = np.moveaxis(array, -1, 0) if array.shape[:2] == (3, 3) else array
-        array = array.reshape(len(array), -1)
-    # Positions may lack z, and forces their torques.
-    allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))
-    if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:
-        array = array.T
-    if array.ndim != 2 or array.shape[1] not in allowed:
-        raise ValueError(f"{key!r} has shape {array.shape}, must be (N, {width})")
-    return array
 
 
 def _vector(array: FloatArray) -> bool:
@@ -223,7 +220,7 @@ def robomimic(path: Path, settings: ImportSettings) -> list[RawRecording]:
             case {"env_kwargs": {"control_freq": int() | float() as control}}:
                 rate = rate or (float(control) if 0.0 < control < 1e6 else None)
         names = sorted(data, key=lambda name: list(map(int, re.findall(r"\d+", name))))
-        motions = []
+        motions, angles = [], ImportSettings(angles=settings.angles)
         for name in names:
             if not isinstance(data[name], h5py.Group) or "obs" not in data[name]:
                 raise ValueError(
@@ -231,40 +228,36 @@ def robomimic(path: Path, settings: ImportSettings) -> list[RawRecording]:
                     "of which robomimic's script dataset_states_to_obs makes "
                     "observations"
                 )
-            label = f"{path.name}: {name}"
-            motions.append(_observed(data[name]["obs"], label, settings))
+            label, obs = f"{path.name}: {name}", data[name]["obs"]
+            ends = [key for key in obs if key.endswith("_pos")]
+            hands = {key.removesuffix("_pos"): key for key in ends}
+            wanted = settings.body or _DEFAULT_HAND
+            hand, position = chosen(wanted, hands, "hand in obs", file=label)
+            gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
+            force = settings.wrench or f"{hand}_wrench"
+            sources = {"positions": position}
+            for key in (f"{hand}_quat", *sorted(obs)):
+                what = key.removeprefix(f"{hand}_")
+                if key in obs and what != key:
+                    shape = obs[key].shape
+                    scalar_last = 4 in shape and not what.endswith("wxyz")
+                    what = f"{what.removesuffix('_xyzw')}_xyzw" if scalar_last else what
+                    columns = tables.array_columns(what, shape, angles)
+                    if columns and tables.ORIENTED.issuperset(columns):
+                        sources[what] = key
+                        break
+            if force in obs or settings.wrench is not None:
+                sources["wrench"] = force
+            arrays = {
+                what: np.asarray(obs[key][()], dtype=np.float64)
+                for what, key in sources.items()
+            }
+            signals = {"gripper": obs[gripper][()]} if gripper in obs else {}
+            motion = _motion(label, arrays, angles)
+            motions.append(replace(motion, unit="m", signals=signals))
     if rate is None:
         return motions
     return [replace(m, times=np.arange(len(m.positions)) / rate) for m in motions]
-
-
-def _observed(obs: Any, label: str, settings: ImportSettings) -> RawRecording:
-    """Return the motion of the hand in a group of observations."""
-    hands = {name.removesuffix("_pos"): name for name in obs if name.endswith("_pos")}
-    wanted = settings.body or _DEFAULT_HAND
-    hand, position = chosen(wanted, hands, "hand in obs", file=label)
-    gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
-    force = settings.wrench or f"{hand}_wrench"
-    sources = {"positions": position}
-    settings_of_arrays = ImportSettings(angles=settings.angles)
-    for name in (f"{hand}_quat", *sorted(obs)):
-        what = name.removeprefix(f"{hand}_")
-        if name in obs and what != name:
-            scalar_last = 4 in obs[name].shape and not what.endswith("wxyz")
-            what = f"{what.removesuffix('_xyzw')}_xyzw" if scalar_last else what
-            columns = tables.array_columns(what, obs[name].shape, settings_of_arrays)
-            if columns and tables.ORIENTED.issuperset(columns):
-                sources[what] = name
-                break
-    if force in obs or settings.wrench is not None:
-        sources["wrench"] = force
-    arrays = {
-        what: np.asarray(obs[name][()], dtype=np.float64)
-        for what, name in sources.items()
-    }
-    motion = _motion(label, arrays, settings_of_arrays)
-    signals = {"gripper": obs[gripper][()]} if gripper in obs else {}
-    return replace(motion, unit="m", signals=signals)
 
 
 def lerobot(path: Path, settings: ImportSettings) -> list[RawRecording]:

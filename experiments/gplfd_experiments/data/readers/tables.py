@@ -241,7 +241,17 @@ def _turned(
         largest = float(np.linalg.norm(numbers, axis=1).max())
         if largest > (_HALF_TURN if used == ROTATION_VECTOR else _MANY_TURNS):
             problem = f"as large as {largest:.3g} rad"
-        elif (speed := _turning_speed(quaternions, times)) > _FASTEST_TURN:
+        # The speed [rad/s] above which the hand turns a quarter of the time.
+        usable = np.isfinite(quaternions).all(axis=1) & np.isfinite(times)
+        turned, clock, speed = quaternions[usable], times[usable], 0.0
+        if not problem and usable.any() and np.ptp(clock) > 0.0:
+            reach = math.ceil(_CHORD * len(clock) / np.ptp(clock))
+            steps = clock[reach:] - clock[:-reach]
+            overlap = np.abs(np.einsum("ij,ij->i", turned[reach:], turned[:-reach]))
+            speeds = (2.0 * np.arccos(np.minimum(overlap, 1.0)))[steps > 0.0]
+            speeds /= steps[steps > 0.0]
+            speed = float(np.quantile(speeds, 0.75)) if speeds.size else 0.0
+        if speed > _FASTEST_TURN:
             problem = f"that turn the hand by {speed:.0f} rad/s"
         if problem:
             column = form[np.ptp(numbers, axis=0).argmax()]
@@ -250,19 +260,6 @@ def _turned(
                 "deg, or of Euler angles --angles euler-xyz or euler-xyz-deg"
             )
     return quaternions, reading
-
-
-def _turning_speed(quaternions: FloatArray, times: FloatArray) -> float:
-    """Return the speed [rad/s] above which a hand turns a quarter of the time."""
-    usable = np.isfinite(quaternions).all(axis=1) & np.isfinite(times)
-    turned, clock = quaternions[usable], times[usable]
-    if not usable.any() or np.ptp(clock) == 0.0:
-        return 0.0
-    reach = math.ceil(_CHORD * len(clock) / np.ptp(clock))
-    steps = clock[reach:] - clock[:-reach]
-    overlap = np.abs(np.einsum("ij,ij->i", turned[reach:], turned[:-reach]))
-    angles = 2.0 * np.arccos(np.minimum(overlap, 1.0))[steps > 0.0]
-    return float(np.quantile(angles / steps[steps > 0.0], 0.75)) if angles.size else 0.0
 
 
 def recording(
@@ -420,7 +417,23 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     Columns are separated by comma, semicolon, tab or spaces. Unless commas separate
     columns, numbers may have decimal commas. Lines of names are joined, as of Motive.
     """
-    lines = _lines(path.read_bytes())
+    content, encoding = path.read_bytes(), "utf-8-sig"
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    elif b"\0" in content[:2]:
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    try:
+        decoded = content.decode(encoding)
+    except UnicodeDecodeError:
+        decoded = content.decode("latin-1")
+    # Every line that is neither empty nor a comment, with its number.
+    lines = [
+        (number, line.strip("\r\n"))
+        for number, line in enumerate(io.StringIO(decoded, newline=""), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise ValueError("it is empty")
     if separated := re.fullmatch(r"sep=(.+)", lines[0][1].strip(" \"'")):
         lines.pop(0)
         delimiter = separated[1].replace("\\t", "\t")
@@ -469,27 +482,6 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         note = "--body has no effect: the names of its columns are of no body"
         motion = replace(motion, notes=(*motion.notes, note))
     return [motion]
-
-
-def _lines(content: bytes) -> list[tuple[int, str]]:
-    """Return number and text of every line that is neither empty nor a comment."""
-    encoding = "utf-8-sig"
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16"
-    elif b"\0" in content[:2]:
-        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
-    try:
-        text = content.decode(encoding)
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    lines = [
-        (number, line.strip("\r\n"))
-        for number, line in enumerate(io.StringIO(text, newline=""), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if not lines:
-        raise ValueError("it is empty")
-    return lines
 
 
 def _heads(

@@ -87,24 +87,15 @@ def export_demonstrations(
         raise ValueError(f"--out {target} exists; give another")
     if (source / "data/metadata.json").is_file():
         rate = rate or (10 if cameras else 100)
-        rates, task = [float(rate)], "open the door"
         episodes = _recorded(source, rate, cameras, size)
-    elif cameras or rate is not None:
+        _write(target, [float(rate)], episodes, "open the door")
+        return len(episodes)
+    if cameras or rate is not None:
         raise ValueError(
             f"{source} holds motions alone; --pictures and --rate are for episodes of "
             "`gplfd demos record`"
         )
-    else:
-        task = "recorded motion"
-        rates, episodes = _demonstrated(npz.load_demonstrations(source))
-    _write(target, rates, episodes, task)
-    return len(episodes)
-
-
-def _demonstrated(
-    labelled: npz.LabelledDemonstrations,
-) -> tuple[list[float], list[_Columns]]:
-    """Return rates [Hz] and columns; raise ValueError unless steps are equal."""
+    labelled = npz.load_demonstrations(source)
     rates, episodes = list[float](), list[_Columns]()
     for number, demonstration in enumerate(labelled.demonstrations):
         times, wrenches = demonstration.times, demonstration.wrenches
@@ -124,7 +115,8 @@ def _demonstrated(
             # As the environment observes them: of the opposite sign.
             columns[WRENCH] = -wrenches
         episodes.append(columns)
-    return rates, episodes
+    _write(target, rates, episodes, "recorded motion")
+    return len(episodes)
 
 
 def _recorded(
