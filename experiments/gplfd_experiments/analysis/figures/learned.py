@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri, fdtri
 
@@ -115,20 +114,6 @@ def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:
     return least
 
 
-def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
-    """Shade the union of the policy's 95 % regions over all phases."""
-    limit = squared_radius(policy.degrees_of_freedom)
-    mean, reach = policy.mean[:, PLANE], np.sqrt(limit) * policy.std[:, PLANE]
-    low, high = (mean - reach).min(axis=0), (mean + reach).max(axis=0)
-    margin = 0.02 * (high - low)
-    x, z = np.linspace(low - margin, high + margin, _PIXELS).T
-    # The root of the distance is nearly linear, so its contours are smooth.
-    field = np.sqrt(distance(policy, np.stack(np.meshgrid(x, z), axis=-1)))
-    edge = float(np.sqrt(limit))
-    axes.contourf(x, z, field, levels=[0.0, edge], colors=[colour], alpha=0.2)
-    axes.contour(x, z, field, levels=[edge], colors=[colour], linewidths=0.6)
-
-
 def fig07(material: Material) -> tuple[Figure, str]:
     """Draw the policy's regions, demonstrations and arcs at equal scales."""
     labelled = material.demonstrations
@@ -141,11 +126,20 @@ def fig07(material: Material) -> tuple[Figure, str]:
     # The wide region has the quantiles for few demonstrations, the narrow one for many.
     normal = dataclasses.replace(policy, degrees_of_freedom=None)
     for region, name in ((policy, "σ estimated"), (normal, "σ known")):
-        shade_region(axes, region, style.BEFORE)
+        # The union of the 95 % regions over all phases, shaded.
+        edge = float(np.sqrt(squared_radius(region.degrees_of_freedom)))
+        mean, reach = region.mean[:, PLANE], edge * region.std[:, PLANE]
+        low, high = (mean - reach).min(axis=0), (mean + reach).max(axis=0)
+        margin = 0.02 * (high - low)
+        x, z = np.linspace(low - margin, high + margin, _PIXELS).T
+        # The root of the distance is nearly linear, so its contours are smooth.
+        field = np.sqrt(distance(region, np.stack(np.meshgrid(x, z), axis=-1)))
+        levels, tints = [0.0, edge], [style.BEFORE]
+        axes.contourf(x, z, field, levels=levels, colors=tints, alpha=0.2)
+        axes.contour(x, z, field, levels=[edge], colors=tints, linewidths=0.6)
         # The label is just inside the lower edge.
-        reach = np.sqrt(squared_radius(region.degrees_of_freedom)) * region.std[:, Z]
-        lowest = int(np.argmin(region.mean[:, Z] - reach))
-        place = region.mean[lowest, X], region.mean[lowest, Z] - reach[lowest] + 0.015
+        lowest = int(np.argmin((mean - reach)[:, 1]))
+        place = mean[lowest, 0], (mean - reach)[lowest, 1] + 0.015
         look: dict[str, Any] = {"ha": "center", "fontsize": 6.0, "color": style.MARK}
         axes.text(*place, f"95 %, {name}", **look)
     for poses in skill.aligned.poses:

@@ -26,6 +26,8 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
 Look = Mapping[str, Any]
 """Keyword arguments of an artist."""
+Panels = dict[str, tuple[Axes, str, list[tuple[float, float]]]]
+"""Axes, colour and points of the curve of each policy."""
 
 _FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
 """Style of the reference in the panels of others."""
@@ -54,40 +56,36 @@ _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
 
 def policy_panels(
     runs: Mapping[str, Sequence[Any]], reference: str, labels: tuple[str, str]
-) -> tuple[Figure, dict[str, tuple[Axes, str]]]:
-    """Return a panel per policy on common axes with labels of x and y, and a colour."""
+) -> tuple[Figure, Panels]:
+    """Return a figure with a panel per policy on common axes, labelled x and y."""
     n_rows = -(-len(runs) // _MOST)
     columns = max(_FEWEST, -(-len(runs) // n_rows))
     figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + 0.55)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
-    panels: dict[str, tuple[Axes, str]] = {}
+    panels: Panels = {}
     for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
         axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
         if place + columns >= len(runs):
             axes.tick_params(labelbottom=True)
-        panels[policy] = axes, tint
+        panels[policy] = axes, tint, []
     figure.supxlabel(labels[0], fontsize=7.0)
     figure.supylabel(labels[1], fontsize=7.0)
     return figure, panels
 
 
-def draw_curves(
-    panels: Mapping[str, tuple[Axes, str]],
-    reference: str,
-    curves: Mapping[str, Sequence[tuple[float, float]]],
-    without: str = "",
-) -> None:
-    """Draw the policies' curves, with that of the reference pale behind each.
+def draw_curves(panels: Panels, reference: str, without: str = "") -> None:
+    """Draw each panel's curve, with that of the reference pale behind it.
 
     ``without`` is the text in a panel without a curve.
     """
-    for policy, (axes, tint) in panels.items():
-        if policy != reference and curves.get(reference):
-            axes.plot(*zip(*curves[reference], strict=True), **_FAINT)
-        if points := curves[policy]:
+    faint = panels[reference][2] if reference in panels else []
+    for policy, (axes, tint, points) in panels.items():
+        if faint and policy != reference:
+            axes.plot(*zip(*faint, strict=True), **_FAINT)
+        if points:
             line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
             axes.plot(*zip(*points, strict=True), **line)
         else:
@@ -99,15 +97,14 @@ def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
     labels = "radius [m]", "opened to 60°"
     figure, panels = policy_panels(runs, reference, labels)
-    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
-    for policy, (axes, tint) in panels.items():
+    for policy, (axes, tint, points) in panels.items():
         doors = _doors(axes, runs, policy)
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
         for radius, here in doors:
             rate = success_rate((e.task.seed, e.opened()) for e in here)
-            curves[policy].append((radius, rate.estimate))
+            points.append((radius, rate.estimate))
             axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-    draw_curves(panels, reference, curves)
+    draw_curves(panels, reference)
     return figure
 
 
@@ -115,8 +112,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: dots and median."""
     labels = "radius [m]", "peak radial force [N]"
     figure, panels = policy_panels(runs, reference, labels)
-    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
-    for policy, (axes, tint) in panels.items():
+    for policy, (axes, tint, points) in panels.items():
         doors = _doors(axes, runs, policy)
         axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
         log_scale(axes, "y")
@@ -124,8 +120,8 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
             if forces := EPISODE_MEASURES["force_radial_peak"].values(here):
                 radii = [radius] * len(forces)
                 axes.plot(radii, forces, marker="o", ms=1.8, color=tint, **_DOTS)
-                curves[policy].append((radius, statistics.median(forces)))
-    draw_curves(panels, reference, curves, "none opened")
+                points.append((radius, statistics.median(forces)))
+    draw_curves(panels, reference, "none opened")
     return figure
 
 
@@ -133,8 +129,7 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the forecast error of the rest over progress: median and middle half."""
     labels = "door angle / final angle", "error [mm]"
     figure, panels = policy_panels(runs, reference, labels)
-    curves: dict[str, list[tuple[float, float]]] = {policy: [] for policy in runs}
-    for policy, (axes, tint) in panels.items():
+    for policy, (axes, tint, points) in panels.items():
         axes.set_xlim(0.0, 1.0)
         axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
         log_scale(axes, "y")
@@ -149,8 +144,8 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
             quartiles = [np.percentile(errors[step], (25, 50, 75)) for step in steps]
             low, middle, high = np.transpose(quartiles)
             style.band(axes, np.array(steps), low, high, tint)
-            curves[policy] += zip(steps, middle, strict=True)
-    draw_curves(panels, reference, curves, "no forecast")
+            points.extend(zip(steps, middle, strict=True))
+    draw_curves(panels, reference, "no forecast")
     return figure
 
 

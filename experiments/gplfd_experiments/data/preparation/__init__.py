@@ -25,7 +25,7 @@ _MOST_SAMPLES: Final = 10**6
 _MOST_MADE: Final = 20  # Or this multiple of the recorded samples, if that is more.
 _COMPARED: Final = 100  # Number of samples for comparing motions.
 
-__all__ = ["ImportSettings", "Motion", "prepare"]
+__all__ = ["ImportSettings", "PreparedMotion", "prepare"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
