@@ -105,9 +105,8 @@ class LedAgent:
         """Return the correction of the episode so far; None if the hand was not led."""
         if not any(led for *_, led, _ in self._rows):
             return None
-        times, poses, wrenches, led, phases = map(
-            np.array, zip(*self._rows, strict=True)
-        )
+        columns = map(np.array, zip(*self._rows, strict=True))
+        times, poses, wrenches, led, phases = columns
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
         phase = float(np.clip(np.nan_to_num(phases[led.argmax()]), 0.0, 1.0))
         motion = Demonstration(times=times, poses=poses, wrenches=wrenches)

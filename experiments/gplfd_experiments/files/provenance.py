@@ -48,12 +48,11 @@ def content_hash(path: Path) -> str:
 @functools.cache
 def code_state() -> Mapping[str, Any]:
     """Code of this process, when first asked: ``versions``, ``git``, ``arithmetic``."""
-    state = {
+    return {
         "versions": dict(versions()),
         "git": git_state(Path(__file__).resolve().parents[3]),
         "arithmetic": dict(arithmetic()),
     }
-    return state
 
 
 @functools.cache
@@ -84,14 +83,13 @@ def arithmetic() -> Mapping[str, str]:
     alone = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
     together = [np.sin(numbers), np.cos(numbers), np.exp(numbers), np.arctan(numbers)]
     values = np.concatenate([np.ravel(alone), np.ravel(together)])
-    properties = {
+    return {
         "system": platform.system(),
         "machine": platform.machine(),
         "C library": " ".join(platform.libc_ver()).strip(),
         "functions": hashlib.sha256(values.tobytes()).hexdigest()[:16],
         "linear algebra": ", ".join(sorted(kernels)),
     }
-    return properties
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:

@@ -1,8 +1,9 @@
 """Several policies at the same door, side by side in one recording, on one clock."""
 
 import copy
+import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -84,10 +85,11 @@ def _chunks(
 ) -> Iterator[Chunk]:
     """Return the page, the common door, and each policy's robot and curves."""
     first, table = logs[0], ""
-    for log in logs:
+    widest = [math.degrees(float(log.opening.door_angle.max())) for log in logs]
+    for log, angle in zip(logs, widest, strict=True):
         outcome = "opened" if log.success else log.failure.replace("_", " ")
         peak = float(np.abs(log.forces.force_radial).max())
-        numbers = f"{_widest(log):.0f}° | {peak:.1f} N"
+        numbers = f"{angle:.0f}° | {peak:.1f} N"
         table += f"| {log.policy} | {outcome} | {numbers} |\n"
     yield page(f"""\
 ### {len(logs)} policies at the {first.door} door
@@ -100,8 +102,8 @@ All policies learned from the same demonstrations and open the same door (handle
 large value means that the path does not fit the door. The tube is the policy's \
 forecast of the rest of the motion, ±1.96 σ; green is the true arc of the handle.
 """)
-    common = motion.door_frame(model, first.config, demonstrations)
-    yield from _moved_to(_OVERLAY, common)
+    for chunk in motion.door_frame(model, first.config, demonstrations):
+        yield chunk.with_entity_path(f"{_OVERLAY}{chunk.entity_path}")
     # The angle from which a door counts as opened.
     angle = math.degrees(SUCCESS_ANGLE)
     mark = {panels.Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}
@@ -114,7 +116,7 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
         shift = rr.Transform3D(translation=SPACING * number * ROW)
         yield static(f"{root}/world", shift)
         hand = list(motion.hand_motion(log))
-        for chunks in (
+        for chunk in itertools.chain(
             scene.drawn_scene(model),
             motion.door_frame(model, log.config, []),
             scene.moved_scene(model, log),
@@ -122,7 +124,7 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
             hand,
             parts.balls(log),
         ):
-            yield from _moved_to(root, chunks)
+            yield chunk.with_entity_path(f"{root}{chunk.entity_path}")
         for chunk in hand:
             if chunk.entity_path == motion.TRAIL:
                 yield chunk.with_entity_path(overlay)
@@ -130,7 +132,7 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
         for entity in (f"{root}{motion.TRAIL}", overlay):
             yield static(entity, tube)
         ended = SHORT.get(log.failure, log.failure.replace("_", " "))
-        outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
+        outcome = "opened" if log.success else f"{ended} at {widest[number]:.0f}°"
         look: dict[str, Any] = {"radii": 0.012, "colors": colour, "show_labels": True}
         label = rr.Points3D([_LABEL], labels=[f"{log.policy}: {outcome}"], **look)
         yield static(f"{root}{motion.ROOT}/label", label)
@@ -141,20 +143,9 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
             yield from panels.series(path, log.times, {line: values})
 
 
-def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
-    """The same chunks below another entity."""
-    for chunk in chunks:
-        yield chunk.with_entity_path(f"{root}{chunk.entity_path}")
-
-
 def _part(log: EpisodeLog) -> str:
     """The last part of an entity of a policy, valid for any policy name."""
     return f"/{rr.escape_entity_path_part(log.policy)}"
-
-
-def _widest(log: EpisodeLog) -> float:
-    """Greatest angle of the door [deg]."""
-    return math.degrees(float(log.opening.door_angle.max()))
 
 
 def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:

@@ -326,8 +326,7 @@ def recent_mean(values: FloatArray, dt: float) -> FloatArray:
     sums = np.cumsum(np.concatenate([start, np.where(finite, values, 0.0)]), axis=0)
     counts = np.cumsum(np.concatenate([start, finite]), axis=0)
     total, count = sums[window:] - sums[:-window], counts[window:] - counts[:-window]
-    mean: FloatArray = np.where(finite, total / np.maximum(count, 1.0), np.nan)
-    return mean
+    return np.asarray(np.where(finite, total / np.maximum(count, 1.0), np.nan))
 
 
 def mean_stiffness(log: EpisodeLog) -> FloatArray:

@@ -350,9 +350,9 @@ class Lesson(ABC):
         self.spring = self._begin()
         self._note()
 
-    @abstractmethod
     def _begin(self) -> Lead:
         """Begin an episode; return the spring by which the person leads."""
+        return Lead(self.view)
 
     @abstractmethod
     def _action(self, sample: Sample) -> Float[np.ndarray, " n"]:
@@ -441,9 +441,6 @@ class DemonstrationLesson(Lesson):
 
     def __init__(self, name: str, door: config.DoorConfig, *, drawn: bool) -> None:
         super().__init__(episode_task(name, door, policy="gp", seed=0), drawn=drawn)
-
-    def _begin(self) -> Lead:
-        return Lead(self.view)
 
     def _action(self, sample: Sample) -> Float[np.ndarray, " 12"]:
         angle, turn = self._info["door_angle"], self._info["handle_angle"]

@@ -117,11 +117,8 @@ class TeachingSession:
                     break
         elif self.phase == "shown":
             lesson.show(self._moving[due % len(self._moving)])
-        state = lesson.state | {
-            "phase": self.phase,
-            "message": self._message,
-            "kept": len(self._store.kept),
-        }
+        state = lesson.state | {"phase": self.phase, "message": self._message}
+        state["kept"] = len(self._store.kept)
         file = io.BytesIO()
         if self.phase != "finished":
             Image.fromarray(lesson.picture()).save(file, "JPEG", quality=80)
@@ -141,10 +138,8 @@ def teach(
 
     OSError: the address is taken, or pictures cannot be drawn.
     """
-    lessons = [
-        partial(DemonstrationLesson, *door, drawn=True)
-        for door in named_doors(doors).items()
-    ]
+    named = named_doors(doors).items()
+    lessons = [partial(DemonstrationLesson, *door, drawn=True) for door in named]
     store = TaughtSet(folder, options)
     serve(TeachingSession(lessons, store), "teach", device=device, host=host, port=port)
     return len(store.kept)

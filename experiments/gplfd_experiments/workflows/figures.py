@@ -40,10 +40,8 @@ def draw_figures(
 def material(doors: Iterable[str], seed: int) -> Material:
     """Return demonstrations, two per door as in Section IV-A, and episodes by door."""
     names = list(dict.fromkeys(doors))
-    tasks = [
-        episode_task(*door, policy=POLICY, seed=seed)
-        for door in (named_doors(names) if names else {}).items()
-    ]
+    named = named_doors(names).items() if names else ()
+    tasks = [episode_task(*door, policy=POLICY, seed=seed) for door in named]
     plain = episode_task("medium", DoorConfig(), policy=POLICY, seed=seed)
     demonstrations, logs = build.demonstrations_of(plain), {}
     if tasks:

@@ -1,6 +1,6 @@
 """Figs. 9 and 10, Section IV-B: adaptation while a door opens, and stiffness."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,7 +17,6 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent, CompliantAgent
 from gplfd_policies.control.stability import uncertainty_fall_bound
-from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     StiffnessProfile,
@@ -31,19 +30,6 @@ DOORS: Final = ("small", "medium", "large", "0.42")
 _STAGES: Final = (0.1, 0.25, 0.4)  # Observed phases at which the posterior is shown.
 _OUTPUTS: Final = {0: "x", 2: "z"}
 _DOTTED: Final = (0, (1.0, 1.0))
-
-
-def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
-    """Yield an agent's decisions as it is shown the observations of an episode."""
-
-    def observation(row: int) -> Observation:
-        names = ("ee_pose", "ee_twist", "joint_pos", "joint_vel")
-        seen = {name: getattr(log.motion, name)[row] for name in names}
-        wrench = log.forces.wrench[row]
-        return seen | {"wrench": wrench, "time": log.times[row : row + 1]}
-
-    agent.reset(observation(0))
-    return (agent.act(observation(row)) for row in range(log.times.size))
 
 
 def expectation(agent: Agent) -> GaussianTrajectory:
@@ -93,9 +79,13 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
     """Replay the opening to its policy for forecasts and the width of intervals."""
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
-    decided = decisions(log, agent)
+    names = ("ee_pose", "ee_twist", "joint_pos", "joint_vel")
+    seen = {name: getattr(log.motion, name) for name in names}
+    seen |= {"wrench": log.forces.wrench, "time": log.times[:, None]}
+    agent.reset({name: values[0] for name, values in seen.items()})
     initial = belief = expectation(agent)
-    for row, decision in enumerate(decided):
+    for row in range(log.times.size):
+        decision = agent.act({name: values[row] for name, values in seen.items()})
         _, high = belief.interval()
         width[row] = (high[-1, 0] - belief.mean[-1, 0]) / belief.std[-1, 0]
         if decision.via_point:

@@ -423,11 +423,6 @@ _LEFT_OUT: Final = {
     "demonstration": "One demonstration left out",
     "radius": "The middle radius left out",
 }
-_PREDICTED: Final = {
-    **measures.LEARNING_MEASURES,
-    **measures.RECORDED_MEASURES,
-    **measures.FORCE_MEASURES,
-}
 _SUMMARY: Final = (
     *("nlpd", "rmse_position_m", "rmse_rotation_rad", "coverage_95"),
     *("forecast_25_nlpd", "forecast_25_position_m"),
@@ -457,7 +452,9 @@ def learning_section(tests: Results, title: str, *lead: Block) -> Section:
         for held_out, left_out in _LEFT_OUT.items()
         if (here := [test for test in those if test.left_out == held_out])
     }
-    metrics = [n for n in _PREDICTED if any(t.number(n) is not None for t in tests)]
+    metrics = [
+        n for n in measures.PREDICTED if any(t.number(n) is not None for t in tests)
+    ]
     table = document.policy_table(
         groups or {"": measures.grouped(tests, "policy")},
         partial(_medians, ("n", *metrics)),
@@ -480,7 +477,7 @@ def recorded_section(results: Results) -> Section:
 
 def overview(results: Results) -> Table:
     """Return the headlines of all methods, ordered by likelihood."""
-    nlpd, groups = _PREDICTED["nlpd"], measures.grouped(results, "policy")
+    nlpd, groups = measures.PREDICTED["nlpd"], measures.grouped(results, "policy")
     medians = {p: nlpd.median(t for t in groups[p] if not t.error) for p in groups}
     ends = {p: math.inf if value is None else value for p, value in medians.items()}
     order = {policy: groups[policy] for policy in sorted(ends, key=ends.__getitem__)}
@@ -491,7 +488,7 @@ def overview(results: Results) -> Table:
 
 def _medians(metrics: Sequence[str], tests: Results) -> document.Cells:
     """Return the median of each measure; "n" is the number of tests."""
-    columns = {name: _PREDICTED[name] for name in metrics if name != "n"}
+    columns = {name: measures.PREDICTED[name] for name in metrics if name != "n"}
     cells = {n: (c.column, c.text(c.median(tests))) for n, c in columns.items()}
     cells["n"] = "n", str(len(tests))
     return [cells[name] for name in metrics]

@@ -119,18 +119,17 @@ class Measure:
 _TABLES: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 
 
-def _measures(table: str) -> dict[str, Measure]:
-    """Return the measures of a table of measures.toml by metric."""
-    fields = _TABLES[table].items()
+def _measures(*tables: str) -> dict[str, Measure]:
+    """Return the measures of tables of measures.toml by metric."""
+    fields = [entry for table in tables for entry in _TABLES[table].items()]
     return {metric: Measure(metric=metric, **values) for metric, values in fields}
 
 
 WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; of the policy alone."""
 EPISODE_MEASURES: Final = _measures("episodes")
-LEARNING_MEASURES: Final = _measures("learning")
 RECORDED_MEASURES: Final = _measures("rest")
-FORCE_MEASURES: Final = _measures("forces")
+PREDICTED: Final = _measures("learning", "rest", "forces")
 COLUMNS: Final[Mapping[str, list[list[str]]]] = _TABLES["columns"]
 """Metrics of the columns of the report's tables of episodes."""
 

@@ -191,5 +191,4 @@ def hand_wrenches(
     errors = sensor_rng.standard_normal((times.size + 1, 6))
     errors[0] *= np.repeat([config.bias_force_std, config.bias_moment_std], 3)
     errors[1:] *= np.repeat([config.noise_force_std, config.noise_moment_std], 3)
-    measured: FloatArray = np.hstack([force, moment]) + errors[0] + errors[1:]
-    return measured
+    return np.asarray(np.hstack([force, moment]) + errors[0] + errors[1:])

@@ -84,8 +84,7 @@ def smooth_functions(
     frequency = rng.standard_normal((n_functions, _N_COSINES)) / correlation_time
     phase = rng.uniform(0.0, 2.0 * np.pi, (n_functions, _N_COSINES))
     cosines = np.cos(times[:, None, None] * frequency + phase)
-    values: FloatArray = np.sqrt(2.0 / _N_COSINES) * cosines.sum(axis=-1)
-    return values
+    return np.asarray(np.sqrt(2.0 / _N_COSINES) * cosines.sum(axis=-1))
 
 
 def coloured_noise(
@@ -104,8 +103,7 @@ def coloured_noise(
     impulse[0] = 1.0
     gain = float(np.linalg.norm(sosfilt(sections, impulse)))
     white = rng.standard_normal((settling + n_samples, n_signals))
-    noise: FloatArray = sosfilt(sections, white, axis=0)[settling:] / gain
-    return noise
+    return np.asarray(sosfilt(sections, white, axis=0)[settling:] / gain)
 
 
 def uneven_timing(
@@ -115,8 +113,7 @@ def uneven_timing(
     grid = np.linspace(0.0, 1.0, _TIMING_GRID)
     speed = np.exp(timing_std * smooth_functions(grid, 0.2, 1, rng)[:, 0])
     elapsed = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
-    warped: FloatArray = np.interp(clock, grid, elapsed / elapsed[-1])
-    return warped
+    return np.asarray(np.interp(clock, grid, elapsed / elapsed[-1]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

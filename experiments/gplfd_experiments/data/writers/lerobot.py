@@ -187,10 +187,8 @@ def _described(name: str, values: Any) -> tuple[Any, Any, Any]:
         feature["names"] = _COMPONENTS.get(name)
     if name == WRENCH:
         feature["info"] = AS_OBSERVED
-    statistics = {
-        kind: getattr(samples, kind)(axis=0).tolist()
-        for kind in ("min", "max", "mean", "std")
-    }
+    kinds = ("min", "max", "mean", "std")
+    statistics = {k: getattr(samples, k)(axis=0).tolist() for k in kinds}
     return column, feature, {"count": [len(values)]} | statistics
 
 
