@@ -1,12 +1,9 @@
 """Presets of doors, randomizations and disturbances, read from an asset."""
 
 import tomllib
-from typing import TypeVar
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.validation.named import with_fields
-
-Record = TypeVar("Record")
+from gplfd_env.validation.named import Record, with_fields
 
 
 def preset_table(section: str, plain: Record) -> dict[str, Record]:

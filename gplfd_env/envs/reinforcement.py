@@ -4,22 +4,16 @@ from typing import Any
 
 import gymnasium as gym
 
+from gplfd_env import wrappers
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_env.wrappers import (
-    FlatObservation,
-    GentleReward,
-    RelativeAction,
-    VectorFlatObservation,
-    VectorGentleReward,
-    VectorRelativeAction,
-)
 
 
 def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`."""
     refuse_reward(arguments)
-    return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
+    relative = wrappers.RelativeAction(DoorOpeningEnv(**arguments))
+    return wrappers.FlatObservation(wrappers.GentleReward(relative))
 
 
 # Gymnasium reads the render modes of an entry point, to collect pictures itself.
@@ -36,7 +30,8 @@ def door_opening_rl_vector(
 
 def for_learners(envs: DoorOpeningVectorEnv) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Return a vector environment in the wrappers of ``gplfd/DoorOpeningRL-v1``."""
-    return VectorFlatObservation(VectorGentleReward(VectorRelativeAction(envs)))
+    relative = wrappers.VectorRelativeAction(envs)
+    return wrappers.VectorFlatObservation(wrappers.VectorGentleReward(relative))
 
 
 def refuse_reward(arguments: dict[str, Any]) -> None:

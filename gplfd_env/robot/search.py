@@ -17,7 +17,6 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.doors.config import DoorConfig
@@ -270,6 +269,8 @@ def _search(
     score reaches `least`, raises a ValueError that says where and why the best one
     ends.
     """
+    from scipy.stats import qmc  # which takes a second to import
+
     arm, rng = _Arm.of(robot), np.random.default_rng(0)
     points = qmc.Sobol(6 + len(arm.axes), scramble=False).random_base2(_TRIES)
     for spread in _SPREADS:

@@ -14,8 +14,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import joblib
-
 from gplfd_env import (
     ENVIRONMENT_ID,
     GRIPPER_ENVIRONMENT_ID,
@@ -28,7 +26,6 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.provenance import versions
-from gplfd_experiments.recording.viewer import viewer
 from gplfd_policies.registry.catalogue import POLICIES, packaged_summaries
 
 EXTRAS: Final[Mapping[str, str]] = {
@@ -62,6 +59,10 @@ def examined() -> dict[str, Any]:
     Takes as long as a rendering. Returns for each part its purpose, whether it is
     present, and what was found or how to install it.
     """
+    import joblib
+
+    from gplfd_experiments.recording.viewer import viewer
+
     try:
         choose_opengl()
         renderer, remark = drawn_by(), ""

@@ -15,13 +15,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
-from scipy.signal import savgol_filter
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE, HEAVY_FORCE, STAGES
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, smoothed
 
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 """Door angles at which forecasts are scored, as shares of the demonstrated angle."""
@@ -316,8 +315,7 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
     if positions.shape[0] < window:
         return None
     velocity, jerk = (
-        savgol_filter(positions, window, 5, deriv=order, delta=dt, axis=0)
-        for order in (1, 3)
+        smoothed(positions, window, 5, deriv=order, step=dt) for order in (1, 3)
     )
     peak_squared = float(np.max(np.sum(velocity**2, axis=1)))
     if peak_squared == 0.0:
@@ -335,7 +333,7 @@ def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
     window = 2 * round(0.5 * _SMOOTHING_TIME / dt) + 1
     if angle.size < window:
         return None
-    return np.asarray(savgol_filter(angle, window, 2, deriv=2, delta=dt))
+    return smoothed(angle, window, 2, deriv=2, step=dt)
 
 
 def sustained(force: FloatArray, dt: float) -> float:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
@@ -85,7 +85,7 @@ class CommandedPath:
         both = np.array([self.profile.k_min, self.dynamics.mass])
         if np.ptp(both.reshape(4, 3), axis=1).any():
             raise ValueError(f"k_min or mass differ between axes: {both.tolist()}")
-        turn = Rotation.from_rotvec(task[3:]).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(task[3:]).as_matrix()
         old = self.stiffness.reshape(-1, 2, 1, 3)
         least = np.where(np.abs(turn) > 1e-4, old, np.inf).min(axis=-1)
         stiffness = least.reshape(-1, 6)

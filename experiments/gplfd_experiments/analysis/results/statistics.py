@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm, t, wilcoxon
+from scipy.special import ndtri, stdtrit
 
 FEWEST_PAIRS: Final = 6
 """With fewer pairs no two-sided signed-rank test can reach 5 %."""
@@ -116,7 +116,7 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
         design_effect = float(1.0 + (sizes @ sizes / n - 1.0) * max(correlation, 0.0))
 
     rate, effective = successes / trials, trials / design_effect
-    z = -float(norm.ppf(0.5 * (1.0 - _LEVEL)))
+    z = -float(ndtri(0.5 * (1.0 - _LEVEL)))
     centre = rate + z * z / (2.0 * effective)
     spread = z * math.sqrt(rate * (1.0 - rate) / effective + (0.5 * z / effective) ** 2)
     scale = 1.0 + z * z / effective
@@ -131,6 +131,8 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
 
 def signed_rank(first: Sequence[float], second: Sequence[float]) -> float:
     """Return Wilcoxon's two-sided p-value; pairs without difference are excluded."""
+    from scipy.stats import wilcoxon  # which takes a second to import
+
     differences = np.subtract(first, second)
     different = differences[differences != 0.0]
     return float(wilcoxon(different).pvalue) if different.size else 1.0
@@ -173,7 +175,7 @@ def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
     n, mean = differences.size, float(np.mean(differences))
     reach = math.inf
     if n >= FEWEST_PAIRS:
-        quantile = float(t.ppf(0.5 + 0.5 * _LEVEL, n - 1))
+        quantile = float(stdtrit(n - 1, 0.5 + 0.5 * _LEVEL))
         reach = quantile * float(np.std(differences, ddof=1)) / math.sqrt(n)
     return Shift(estimate=mean, low=mean - reach, high=mean + reach)
 
@@ -183,7 +185,7 @@ def _signed_rank_quantile(n: int) -> int:
     tail = 0.5 * (1.0 - _LEVEL)
     if n > _EXACT_UP_TO:
         spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
-        return max(1, math.floor(n * (n + 1) / 4.0 + norm.ppf(tail) * spread))
+        return max(1, math.floor(n * (n + 1) / 4.0 + ndtri(tail) * spread))
     # ways[s]: number of the 2ⁿ sign combinations with the rank sum s.
     ways = np.zeros(n * (n + 1) // 2 + 1)
     ways[0] = 1.0

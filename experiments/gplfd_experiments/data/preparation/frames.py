@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
@@ -94,7 +94,7 @@ def _fitted(positions: FloatArray, *, precisely: bool = True) -> Hinge:
     def distances(circle: FloatArray) -> FloatArray:
         return np.asarray(np.hypot(*(flat - circle[:2]).T) - circle[2])
 
-    fit = least_squares(distances, fit).x if precisely else fit
+    fit = scipy.optimize.least_squares(distances, fit).x if precisely else fit
     arms = flat - fit[:2]
     angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
     angles -= angles[0]

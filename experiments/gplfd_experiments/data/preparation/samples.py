@@ -6,9 +6,9 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import ROW, RawRecording, restarts
@@ -372,8 +372,9 @@ def filtered(samples: Samples, cutoff: float, notes: Notes) -> Samples:
         return samples
     even = _resampled(samples, np.linspace(start, end, number))
     rate = (number - 1) / float(end - start)
-    sections = butter(_ORDER, cutoff, fs=rate, output="sos")
-    return _unit_quaternions(even.mapped(partial(sosfiltfilt, sections, axis=0)))
+    sections = scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    filtered = partial(scipy.signal.sosfiltfilt, sections, axis=0)
+    return _unit_quaternions(even.mapped(filtered))
 
 
 def at_rate(samples: Samples, rate: float, most: int) -> Samples:

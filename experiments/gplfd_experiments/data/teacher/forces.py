@@ -7,10 +7,9 @@ bolt, contact with frame and stop, weight of the hand, and friction at rest.
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DoorConfig
@@ -19,7 +18,7 @@ from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.doors.motion import CloserLaw, carried, links_of, roller_way
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.data.teacher.motion import smooth_functions
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, smoothed
 
 _HANDLE_MASS: Final = 0.4  # Mass at the distance of the handle from the hinge [kg].
 _ARMATURE: Final = 0.01  # Inertia of the hinge [kg m²].
@@ -59,9 +58,9 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
     springs S of closer, seal and stiction, and gravity G of a leaf that rises.
     """
     window = 2 * max(round(0.5 * _SMOOTHED * rate), 1) + 1
-    mode: Any = "interp" if window <= angles.size else "nearest"
+    mode = "interp" if window <= angles.size else "nearest"
     velocity, acceleration = (
-        savgol_filter(angles, window, 2, deriv=order, delta=1.0 / rate, mode=mode)
+        smoothed(angles, window, 2, deriv=order, step=1.0 / rate, mode=mode)
         for order in (1, 2)
     )
     inertia, weight = inertia_and_gravity(door, angles)

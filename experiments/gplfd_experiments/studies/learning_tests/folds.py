@@ -26,10 +26,7 @@ from gplfd_policies.movements.movement import GaussianTrajectory, Movement
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.registry.method import Method, TrainingInput
 
-_LOADED = (
-    *(scipy.fft, scipy.interpolate, scipy.linalg, scipy.ndimage, scipy.optimize),
-    *(scipy.signal, scipy.special),
-)
+_LOADED: Final = ("interpolate", "linalg", "ndimage", "optimize", "special")
 """Parts of SciPy that methods load on first use; loading is excluded from learning."""
 
 ResultT = TypeVar("ResultT")
@@ -158,6 +155,8 @@ def learn(
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
+    for name in _LOADED:
+        getattr(scipy, name)
     # Left-out demonstrations end at the end of the others.
     within = replace(method, beyond=0.0)
     with warnings.catch_warnings():

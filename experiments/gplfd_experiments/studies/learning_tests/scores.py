@@ -31,7 +31,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_experiments.data.teacher import (
@@ -515,6 +514,8 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
 
 def _excess(movement: Movement, seed: int) -> float | None:
     """Negative log density of z in other repetitions, above that of the truth."""
+    from scipy.stats import norm  # which takes a second to import
+
     rng = np.random.default_rng([seed, 1])
     wobble = smooth_functions(_JUDGED, _CORRELATION, 100, rng)
     std = _spread(_JUDGED)[:, None]

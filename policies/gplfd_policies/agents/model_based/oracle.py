@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
@@ -123,7 +123,7 @@ class ToldHandleAgent(_HandleTurner):
         # The opener observes and commands the leaf: the hand without the handle's turn.
         kept = self._kept(self._opener.observed_angle)
         handle = door.hand_poses(0.0, kept * self._travel(door))
-        back = Rotation.from_rotvec(-handle[3:])
+        back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
         inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
         leaf = _composed(hand, inverse)
         step = self._opener.act({**observation, "ee_pose": leaf})
@@ -134,8 +134,8 @@ class ToldHandleAgent(_HandleTurner):
 def _composed(first: Pose, second: Pose) -> Pose:
     """Return first ∘ second."""
     # Copies, because SciPy rejects read-only arrays.
-    turn = Rotation.from_rotvec(first[3:].copy())
-    both = turn * Rotation.from_rotvec(second[3:].copy())
+    turn = scipy.spatial.transform.Rotation.from_rotvec(first[3:].copy())
+    both = turn * scipy.spatial.transform.Rotation.from_rotvec(second[3:].copy())
     return np.concatenate([first[:3] + turn.apply(second[:3]), both.as_rotvec()])
 
 
