@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from scipy.signal import savgol_filter
 
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
@@ -23,6 +25,7 @@ from gplfd_experiments.episodes.metrics import (
     sustained,
     work_on_door,
 )
+from gplfd_experiments.files.arrays import smoothed
 
 
 def test_round_trip_is_exact(tmp_path, make_log):
@@ -185,6 +188,15 @@ def test_acceleration_of_a_parabola_is_constant():
         np.full(100, -1.4)
     )
     assert door_acceleration(times[:20], DT) is None
+
+
+@pytest.mark.parametrize("mode", ["interp", "nearest"])
+def test_derivatives_are_those_of_scipy_to_the_last_bit(mode):
+    values = np.random.default_rng(0).standard_normal((60, 3))
+    for window, order, deriv in ((5, 2, 1), (7, 5, 3), (21, 3, 0)):
+        ours = smoothed(values, window, order, deriv=deriv, step=DT, mode=mode)
+        options = {"deriv": deriv, "delta": DT, "axis": 0, "mode": mode}
+        assert_array_equal(ours, savgol_filter(values, window, order, **options))
 
 
 def test_indicators_of_a_minimum_jerk_opening(make_log):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -105,6 +106,12 @@ def test_coloured_noise_has_unit_variance_and_no_power_above_its_bandwidth() -> 
     power = np.mean(np.abs(np.fft.rfft(noise, axis=0)) ** 2, axis=1)
     frequency = np.fft.rfftfreq(4096)
     assert power[frequency > 0.2].mean() < 0.01 * power[frequency < 0.03].mean()
+    sections = scipy.signal.butter(2, 0.1, output="sos")
+    white = scipy.signal.sosfilt(
+        sections, rng().standard_normal((80 + 4096, 8)), axis=0
+    )
+    impulse = scipy.signal.sosfilt(sections, np.eye(80)[0])
+    assert_array_equal(noise, white[80:] / np.linalg.norm(impulse))
 
 
 @pytest.mark.parametrize(
