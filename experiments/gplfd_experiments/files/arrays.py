@@ -1,6 +1,7 @@
 """Type of arrays of numbers, and derivatives of sampled ones."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -17,7 +18,7 @@ def smoothed(
     *,
     deriv: int = 0,
     step: float = 1.0,
-    mode: str = "interp",
+    mode: Literal["interp", "nearest"] = "interp",
 ) -> FloatArray:
     """Return polynomials fitted in moving windows, or their derivative.
 

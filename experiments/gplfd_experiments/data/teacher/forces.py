@@ -7,7 +7,7 @@ bolt, contact with frame and stop, weight of the hand, and friction at rest.
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,9 +58,10 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
     springs S of closer, seal and stiction, and gravity G of a leaf that rises.
     """
     window = 2 * max(round(0.5 * _SMOOTHED * rate), 1) + 1
-    mode = "interp" if window <= angles.size else "nearest"
+    ends: Literal["interp", "nearest"]
+    ends = "interp" if window <= angles.size else "nearest"
     velocity, acceleration = (
-        smoothed(angles, window, 2, deriv=order, step=1.0 / rate, mode=mode)
+        smoothed(angles, window, 2, deriv=order, step=1.0 / rate, mode=ends)
         for order in (1, 2)
     )
     inertia, weight = inertia_and_gravity(door, angles)
