@@ -124,7 +124,11 @@ class StiffnessGovernor:
         """Move these rows to their targets for a period [s]; at once after a reset.
 
         With a frame, the first three numbers are along its columns; then mass, least
-        damping and k_min must be the same along x, y and z.
+        damping and k_min must be the same along x, y and z. With φ(K) = K + γD(K), F =
+        φ(highest) in the old frame and any k ≥ k_min along the new frame, the condition
+        requires φ(k) ≤ F. F - φ(k_min) has no negative eigenvalue. For such a matrix E,
+        the diagonal matrix of E_ii (1 - Σ_j |E_ij| / √(E_ii E_jj)) is a lower bound by
+        Gershgorin's theorem, and so is zero.
         """
         wished = np.maximum(target, self._k_min)
         previous = self._stiffness[rows]
@@ -133,38 +137,29 @@ class StiffnessGovernor:
         bound = self._twice_gamma * previous * root / (root + self._resistance)
         highest = previous + dt * _USED_SHARE * bound
         if frame is not None:
-            highest[..., :3] = self._turned(highest[..., :3], frame, rows)
+            # A safe stiffness along the new frame, given the safe one along the old.
+            turned = self._frame[rows]
+            turned = np.where(np.isnan(turned), frame, turned)
+            self._frame[rows] = frame
+            turn = product(frame.swapaxes(-1, -2), turned)
+            excess = (self._weighed(highest[..., :3]) - self._least)[..., None, :]
+            matrix = product(turn * excess, turn.swapaxes(-1, -2))
+            diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+            scale = np.sqrt(diagonal)
+            ratios = np.abs(matrix) / (scale[..., :, None] * scale[..., None, :])
+            share = 2.0 - np.add.reduce(ratios, axis=-1)
+            share *= share.min(axis=-1, keepdims=True) > 0.0
+            sound = self._least + diagonal * share
+            # Inverse of φ: the smaller of the inverses of its two branches.
+            root = np.sqrt(sound + self._half * self._half) - self._half
+            safe = np.minimum(sound - self._floor, root * root)
+            highest[..., :3] = np.maximum(safe, self._k_min[:3])
             used = (highest - previous) / dt
             bound = used + np.abs(used) * (1.0 / _USED_SHARE - 1.0)
         allowed = np.minimum(wished, highest)
         rate = (allowed - previous) / dt
         self._stiffness[rows] = allowed
         return GovernedStiffness(allowed, rate, bound - rate)
-
-    def _turned(self, highest: Vectors, frame: Frames, rows: Rows) -> Vectors:
-        """Return a safe stiffness along new frames, given the safe one along the old.
-
-        With φ(K) = K + γD(K), F = φ(highest) in the old frame and any k ≥ k_min along
-        the new frame, the condition requires φ(k) ≤ F. F - φ(k_min) has no negative
-        eigenvalue. For such a matrix E, the diagonal matrix of E_ii (1 - Σ_j |E_ij| /
-        √(E_ii E_jj)) is a lower bound by Gershgorin's theorem, and so is zero.
-        """
-        previous = self._frame[rows]
-        previous = np.where(np.isnan(previous), frame, previous)
-        self._frame[rows] = frame
-        turn = product(frame.swapaxes(-1, -2), previous)
-        excess = (self._weighed(highest) - self._least)[..., None, :]
-        matrix = product(turn * excess, turn.swapaxes(-1, -2))
-        diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
-        scale = np.sqrt(diagonal)
-        ratios = np.abs(matrix) / (scale[..., :, None] * scale[..., None, :])
-        share = 2.0 - np.add.reduce(ratios, axis=-1)
-        share *= share.min(axis=-1, keepdims=True) > 0.0
-        sound = self._least + diagonal * share
-        # Inverse of φ: the smaller of the inverses of its two branches.
-        root = np.sqrt(sound + self._half * self._half) - self._half
-        safe = np.minimum(sound - self._floor, root * root)
-        return np.asarray(np.maximum(safe, self._k_min[:3]))
 
     def _weighed(self, stiffness: Vectors) -> Vectors:
         """Return φ(k) = k + γd(k)."""

@@ -6,7 +6,7 @@ extrapolation is measured by cutting demonstrations and comparing with the rest.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import scipy
@@ -193,7 +193,7 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
         way = _way(poses)
         for cut in _CUTS:
             rest = (1.0 - cut) * _AHEAD
-            guess = _screwed(poses, way, cut, rest)
+            guess = carried_on(poses, rest, cut)
             # Relative to the shorter path, the only one that is known at the cut.
             errors.append(
                 (guess - interpolated(cut + rest, way, poses)) / (rest[:, None] / cut)
@@ -201,24 +201,22 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
     return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
 
 
-def carried_on(poses: Outputs, shares: Shares) -> Float[np.ndarray, "S 6"]:
-    """Return the screw continuation of a path."""
-    return _screwed(poses, _way(poses), 1.0, shares)
-
-
-def _screwed(
-    poses: Outputs, way: Times, cut: float, ahead: Shares
+def carried_on(
+    poses: Outputs, ahead: Shares, cut: float = 1.0
 ) -> Float[np.ndarray, "S 6"]:
-    """Continue a path that is cut at a share of its length, by further shares."""
+    """Return the screw continuation of a path by shares of its length, after a cut."""
+    way = _way(poses)
     place = interpolated(np.array([cut]), way, poses)[0]
     turned = np.linalg.norm(place[3:] - poses[:, 3:], axis=1)
     near = way[(turned <= _TURN) & (way < cut)]
     begins = max((1.0 - _TAIL) * cut, float(near.min()) if near.size else 0.0)
-    begin, last = interpolated(np.array([begins, cut]), way, poses)
-    final = _rigid(last)
-    twist = (final * _rigid(begin).inv()).as_exp_coords()
-    from_twists = scipy.spatial.transform.RigidTransform.from_exp_coords
-    moved = from_twists(ahead[:, None] / (cut - begins) * twist) * final
+    begin, last = ends = interpolated(np.array([begins, cut]), way, poses)
+    transform = scipy.spatial.transform
+    turns, rigid = transform.Rotation.from_rotvec(ends[:, 3:]), transform.RigidTransform
+    first, final = rigid.from_components(ends[:, :3], turns)
+    twist = (final * first.inv()).as_exp_coords()
+    twists = ahead[:, None] / (cut - begins) * twist
+    moved = rigid.from_exp_coords(twists) * final
     if np.linalg.norm(poses[:, 3:], axis=1).max() > REGULAR:
         # The path turns about one axis: the turn goes on, past any full turn.
         rotvecs = last[3:] + ahead[:, None] / (cut - begins) * (last - begin)[3:]
@@ -233,12 +231,6 @@ def _way(poses: Outputs) -> Times:
     if way[-1] <= 0.0:
         return np.linspace(0.0, 1.0, len(poses))
     return np.asarray(way / way[-1])
-
-
-def _rigid(pose: Pose) -> Any:
-    transform = scipy.spatial.transform
-    rotation = transform.Rotation.from_rotvec(pose[3:])
-    return transform.RigidTransform.from_components(pose[:3], rotation)
 
 
 WITHIN: Final = 0.4

@@ -210,7 +210,16 @@ class PathPhase:
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
         similar, _ = normalised(aligned)
-        direction, others = _directions(similar, _GRID)
+        # The mean displacement: direction and length [m], and the variances of the
+        # direction out of the plane [rad²] and of the distance [m²].
+        paths = [interpolated(_GRID, similar.times, p[:, :3]) for p in similar.poses]
+        positions = np.stack(paths)
+        mean = positions.mean(axis=0)
+        length = np.sqrt((mean**2).sum(axis=1))
+        least = np.maximum(length, 1e-3)
+        direction = mean / least[:, None]
+        off_plane = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
+        distance = (positions * direction).sum(axis=2).var(axis=0)
         # Long enough for any window; rounding may change its size by a point.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search reads the same range of each. The grid is
@@ -220,12 +229,13 @@ class PathPhase:
         features[11] = 1.0
         features[:, self._stretch.size : -self._stretch.size] = np.vstack(
             [
-                np.sqrt(others[0]),
+                np.sqrt(length**2),
                 means[:, 3:].T,
                 direction.T,
-                others[0],
+                length**2,
                 1.0 / (prediction.std[:, 3:].T ** 2 + config.rotation_noise**2),
-                others[1:],
+                off_plane,
+                distance,
             ]
         )
         self._features, self._rates = features, prediction.mean_rate
@@ -381,23 +391,3 @@ class PathPhase:
         share = np.exp(highest - 0.5 * turning - (-0.5 * cost).max(-1, keepdims=True))
         weights = np.maximum.reduce(likely * share[..., None, :], axis=-1)
         return cost, expected, weights
-
-
-def _directions(
-    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
-) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, "3 G"]]:
-    """Return the mean direction at phases, and features of the displacement.
-
-    These are the squared mean distance [m²], and the variances of the direction out of
-    the plane [rad²] and of the distance [m²], of normalised demonstrations.
-    """
-    positions = np.stack(
-        [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]
-    )
-    mean = positions.mean(axis=0)
-    length = np.sqrt((mean**2).sum(axis=1))
-    least = np.maximum(length, 1e-3)
-    direction = mean / least[:, None]
-    off_plane = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
-    distance = (positions * direction).sum(axis=2).var(axis=0)
-    return direction, np.array([length**2, off_plane, distance])
