@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
-from gplfd_experiments.analysis.report.sections import ordered, trial_table
+from gplfd_experiments.analysis.report.sections import ordered, trial_section
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, of_trials
@@ -63,7 +63,7 @@ def single(axes):
 def test_rows_are_those_of_the_table_with_its_numbers(levels):
     runs = levels()
     figure = deciding_numbers(runs, FORCE, "gp")
-    table = [row[0] for row in trial_table(TRIAL, runs).rows]
+    table = [row[0] for row in trial_section("person", runs, "gp").blocks[1].rows]
     assert table[0] == "**holds the hand**"
     for axes, level in zip(figure.axes, runs, strict=True):
         assert axes.get_title(loc="left") == level

@@ -73,9 +73,36 @@ def record_comparison(
     for geom in range(model.ngeom):
         if model.geom(geom).name.startswith("wall_"):  # would hide the next robot
             model.geom_rgba[geom, 3] = 0.0
+    # All robots, from behind and above; their curves and paths are below.
+    handle, _ = scene.task_frame(model)
+    middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
+    away = max(2.2, 0.35 * SPACING * len(logs))
+    back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
+    plans = [f"- /robots{_part(log)}{motion.PLAN}/**" for log in logs]
+    robots = scene.view_3d(
+        "Each policy at a copy of the same door",
+        "/",
+        ["/robots/**", *plans],
+        (middle + away * back, middle, (0.0, 0.0, 1.0)),
+    )
+    above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
+    paths = scene.view_3d(
+        "All paths at one door, from above",
+        f"{_OVERLAY}{motion.VIEW}",
+        [f"{_OVERLAY}/**"],
+        (above, target, (1.0, 0.0, 0.0)),
+    )
+    angle = rrb.TimeSeriesView(
+        origin=f"{panels.ROOT}/angle",
+        name="Door angle [deg]",
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
+    curves = panels.Panel("radial", "Radial force [N]: against the hinge").view()
+    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
+    below = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
+    views = rrb.Vertical(robots, below, row_shares=[5, 4])
     name = f"{logs[0].door} door, {len(logs)} policies"
-    chunks = _chunks(logs, model, demonstrations)
-    write_recording(path, name, _layout(logs, model), chunks)
+    write_recording(path, name, views, _chunks(logs, model, demonstrations))
 
 
 def _chunks(
@@ -146,34 +173,3 @@ forecast of the rest of the motion, ±1.96 σ; green is the true arc of the hand
 def _part(log: EpisodeLog) -> str:
     """The last part of an entity of a policy, valid for any policy name."""
     return f"/{rr.escape_entity_path_part(log.policy)}"
-
-
-def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
-    """All robots, from behind and above; their curves and paths are below."""
-    handle, _ = scene.task_frame(model)
-    middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
-    away = max(2.2, 0.35 * SPACING * len(logs))
-    back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
-    plans = [f"- /robots{_part(log)}{motion.PLAN}/**" for log in logs]
-    robots = scene.view_3d(
-        "Each policy at a copy of the same door",
-        "/",
-        ["/robots/**", *plans],
-        (middle + away * back, middle, (0.0, 0.0, 1.0)),
-    )
-    above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
-    paths = scene.view_3d(
-        "All paths at one door, from above",
-        f"{_OVERLAY}{motion.VIEW}",
-        [f"{_OVERLAY}/**"],
-        (above, target, (1.0, 0.0, 0.0)),
-    )
-    angle = rrb.TimeSeriesView(
-        origin=f"{panels.ROOT}/angle",
-        name="Door angle [deg]",
-        plot_legend=rrb.Corner2D.LeftTop,
-    )
-    curves = panels.Panel("radial", "Radial force [N]: against the hinge").view()
-    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
-    below = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
-    return rrb.Vertical(robots, below, row_shares=[5, 4])

@@ -317,9 +317,20 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
     """Return a trial's question, and its numbers in a table and a plot."""
     trial, deciding = protocol.TRIALS[name], MEASURES[protocol.TRIALS[name].measures[0]]
     runs, title = ordered(trial, levels), deciding.title
+    # A row per policy and level, with all measures of the trial.
+    table = document.policy_table(
+        runs,
+        lambda episodes: [
+            (m.title, t.cell(m.digits) if (t := m.typical(episodes)) else "no value")
+            for m in map(MEASURES.__getitem__, trial.measures)
+        ],
+        note="Ordered by the first measure; policies that opened no door come last. "
+        "Shares: of episodes, with clustered Wilson intervals. Others: typical value "
+        "of a seed, with its 95 % interval.",
+    )
     blocks: list[Block] = [
         Text(trial.question),
-        trial_table(trial, runs),
+        table,
         Plot(
             f"trial_{name}",
             partial(plots.deciding_numbers, runs, deciding.metric, reference),
@@ -358,23 +369,6 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
         order = sorted(ranks, key=ranks.__getitem__)
         ordered_levels[level] = {policy: levels[level][policy] for policy in order}
     return ordered_levels
-
-
-def trial_table(trial: protocol.Trial, levels: Mapping[str, Runs]) -> Table:
-    """Return a row per policy and level, with all measures of the trial."""
-    return document.policy_table(
-        levels,
-        lambda episodes: [
-            (m.title, typical.cell(m.digits) if typical else "no value")
-            for m, typical in (
-                (MEASURES[name], MEASURES[name].typical(episodes))
-                for name in trial.measures
-            )
-        ],
-        note="Ordered by the first measure; policies that opened no door come last. "
-        "Shares: of episodes, with clustered Wilson intervals. Others: typical value "
-        "of a seed, with its 95 % interval.",
-    )
 
 
 def tier_tables(results: reading.StudyResults) -> list[Block]:

@@ -43,7 +43,46 @@ def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     hierarchy, _, motion = text.partition("MOTION")
-    joints, width = _skeleton(hierarchy)
+    # The joints by their names, and how many numbers a frame has.
+    words = (
+        (number, word)
+        for number, text in enumerate(hierarchy.splitlines(), start=1)
+        for word in text.replace("{", " { ").replace("}", " } ").split()
+    )
+    joints: dict[str, list[_Joint]] = {}
+    stack: list[_Joint] = []
+    number = width = 0
+    try:
+        for line, word in words:
+            number = line
+            match word:
+                case "ROOT" | "JOINT" | "End":
+                    name = [part for _, part in takewhile(lambda w: w[1] != "{", words)]
+                    parent = stack[-1] if stack else None
+                    stack.append(_Joint(parent, [0.0, 0.0, 0.0], {}))
+                    if word != "End":
+                        joints.setdefault(" ".join(name), []).append(stack[-1])
+                case "}":
+                    stack.pop()
+                case "OFFSET":
+                    stack[-1].offset[:] = [float(next(words)[1]) for _ in range(3)]
+                case "CHANNELS":
+                    names = [next(words)[1] for _ in range(int(next(words)[1]))]
+                    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
+                        raise ValueError("it names no channels, or one twice")
+                    stack[-1].channels.update(
+                        {n: width + i for i, n in enumerate(names)}
+                    )
+                    width += len(names)
+                case "HIERARCHY":
+                    pass
+                case _:
+                    raise ValueError(f"{word!r:.80} is not understood")
+        if stack:
+            raise ValueError(f"{len(stack)} braces are not closed before MOTION")
+    except (ValueError, IndexError, StopIteration) as error:
+        reason = str(error) if type(error) is ValueError else "braces or numbers lack"
+        raise ValueError(f"line {number}: {reason}") from error
     usual = [name for name in _DEFAULT_JOINTS if name in joints] or _DEFAULT_JOINTS
     wanted = settings.body or usual[0]
     body, (joint, *others) = chosen(wanted, joints, "joint", file=path.name)
@@ -105,50 +144,6 @@ def mvnx(path: Path, settings: ImportSettings) -> list[RawRecording]:
     # The times in the file are rounded to milliseconds.
     times, name = np.array(indices) / rate, f"{path.name}: {segment}"
     return [RawRecording(name, positions, "m", times, quaternions)]
-
-
-def _skeleton(hierarchy: str) -> tuple[dict[str, list[_Joint]], int]:
-    """Return the joints by their names, and how many numbers a frame has."""
-    words = (
-        (number, word)
-        for number, text in enumerate(hierarchy.splitlines(), start=1)
-        for word in text.replace("{", " { ").replace("}", " } ").split()
-    )
-    joints: dict[str, list[_Joint]] = {}
-    stack: list[_Joint] = []
-    number = width = 0
-    try:
-        for line, word in words:
-            number = line
-            match word:
-                case "ROOT" | "JOINT" | "End":
-                    name = [part for _, part in takewhile(lambda w: w[1] != "{", words)]
-                    parent = stack[-1] if stack else None
-                    stack.append(_Joint(parent, [0.0, 0.0, 0.0], {}))
-                    if word != "End":
-                        joints.setdefault(" ".join(name), []).append(stack[-1])
-                case "}":
-                    stack.pop()
-                case "OFFSET":
-                    stack[-1].offset[:] = [float(next(words)[1]) for _ in range(3)]
-                case "CHANNELS":
-                    names = [next(words)[1] for _ in range(int(next(words)[1]))]
-                    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
-                        raise ValueError("it names no channels, or one twice")
-                    stack[-1].channels.update(
-                        {n: width + i for i, n in enumerate(names)}
-                    )
-                    width += len(names)
-                case "HIERARCHY":
-                    pass
-                case _:
-                    raise ValueError(f"{word!r:.80} is not understood")
-        if stack:
-            raise ValueError(f"{len(stack)} braces are not closed before MOTION")
-    except (ValueError, IndexError, StopIteration) as error:
-        reason = str(error) if type(error) is ValueError else "braces or numbers lack"
-        raise ValueError(f"line {number}: {reason}") from error
-    return joints, width
 
 
 def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation]:
