@@ -51,9 +51,6 @@ def text_table(table: Table, columns: int | None = None) -> str:
 def markdown_table(table: Table, write: Callable[[str], str] = str) -> str:
     """Write a table of GitHub's Markdown; ``write`` writes the text of a cell."""
 
-    def line(cells: tuple[str, ...]) -> str:
-        return f"| {' | '.join(cells)} |"
-
     def written(cell: str) -> str:
         # "[a] [b]" would be a link to b.
         text = write(cell).replace("] [", "] \\[")
@@ -64,4 +61,5 @@ def markdown_table(table: Table, write: Callable[[str], str] = str) -> str:
         for place in range(len(table.columns))
     )
     head, *rows = (tuple(map(written, row)) for row in (table.columns, *table.rows))
-    return "\n".join(map(line, (head, rule, *rows)))
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
+    return "\n".join(lines)

@@ -128,20 +128,18 @@ class TeachingSession:
 def teach(
     doors: Sequence[str],
     folder: Path,
-    *,
-    device: str,
-    host: str,
-    port: int,
+    page: Mapping[str, Any],
     options: Mapping[str, Any],
 ) -> int:
     """Serve the page until the person finishes; return how many demonstrations exist.
 
-    OSError: the address is taken, or pictures cannot be drawn.
+    The page has device, host and port. OSError: the address is taken, or pictures
+    cannot be drawn.
     """
     named = named_doors(doors).items()
     lessons = [partial(DemonstrationLesson, *door, drawn=True) for door in named]
     store = TaughtSet(folder, options)
-    serve(TeachingSession(lessons, store), "teach", device=device, host=host, port=port)
+    serve(TeachingSession(lessons, store), "teach", **page)
     return len(store.kept)
 
 

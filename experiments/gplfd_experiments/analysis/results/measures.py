@@ -65,9 +65,7 @@ class Measure:
     @property
     def title(self) -> str:
         """The name, with the unit in brackets or "share" at the end."""
-        if self.share:
-            return f"{self.name}, share"
-        return f"{self.name} [{self.unit}]"
+        return f"{self.name}, share" if self.share else f"{self.name} [{self.unit}]"
 
     @property
     def sign(self) -> float:

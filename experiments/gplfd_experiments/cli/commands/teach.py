@@ -54,7 +54,7 @@ class Teach(PageOptions):
         page = self.page(self.device)
         from gplfd_experiments.teaching.page import teach
 
-        number = teach(self.doors, self.out, options=options.recorded(self), **page)
+        number = teach(self.doors, self.out, page, options.recorded(self))
         print(f"{number} demonstration{'s' * (number != 1)} in {self.out}")
         if number:
             print(f"learn from them:  {options.learn_command(self.out)}")
