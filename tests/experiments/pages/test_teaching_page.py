@@ -137,8 +137,8 @@ def serving(folder: Path, device: str = "mouse") -> Iterator[int]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    options = {"device": device, "host": "127.0.0.1", "port": port, "options": {}}
-    thread = threading.Thread(target=teach, args=(["small"], folder), kwargs=options)
+    options = {"device": device, "host": "127.0.0.1", "port": port}
+    thread = threading.Thread(target=teach, args=(["small"], folder, options, {}))
     thread.daemon = True
     thread.start()
     try:
