@@ -136,15 +136,15 @@ def make(training):
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 
-STUDY = [*("--policies", "waiting:make", "--doors", "small"), *ONE[-2:], "4"]
-"""Two jobs of two seeds."""
+STUDY = [*("--policies", "waiting:make", "--doors", "small"), *ONE[-2:], "2"]
+"""Two jobs of one seed."""
 
 INTERRUPTED = """\
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from gplfd.__main__ import main
 from gplfd_experiments.studies import tasks
-tasks.TOGETHER = 2
+tasks.TOGETHER = 1
 sys.exit(main())
 """
 """The command, also where pytest is a shell's background job, which ignores SIGINT."""
@@ -154,11 +154,12 @@ def files(out: Path) -> list[Path]:
     return sorted((out / "tasks").glob("[!.]*.json"))
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(tasks, "TOGETHER", 2)
+    monkeypatch.setattr(tasks, "TOGETHER", 1)
     monkeypatch.chdir(tmp_path)
     Path("waiting.py").write_text(WAITING)
-    Path("allowed").write_text("2")
+    Path("allowed").write_text("1")
     command = ["benchmark", *STUDY, "--out", "stopped", "--workers", "1"]
     process = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED, *command],
@@ -167,7 +168,7 @@ def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
         start_new_session=True,
     )
     until = time.monotonic() + 300.0
-    while len(files(Path("stopped"))) < 2:
+    while not files(Path("stopped")):
         assert process.poll() is None
         assert time.monotonic() < until
         time.sleep(0.02)
@@ -181,8 +182,8 @@ def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
     )
     assert "Traceback" not in printed
     content = {path: path.read_bytes() for path in files(Path("stopped"))}
-    Path("allowed").write_text("4")
+    Path("allowed").write_text("2")
     assert benchmark(Path("stopped"), *STUDY) == 0
-    assert len(files(Path("stopped"))) == 4
+    assert len(files(Path("stopped"))) == 2
     # What was finished was not done again.
     assert {path: path.read_bytes() for path in content} == content

@@ -92,6 +92,7 @@ def test_a_folder_is_of_one_process_until_it_dies(refused, tmp_path):
     assert not list(path.iterdir())
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_a_policy_that_changes_the_folder_does_not_move_the_results(gplfd, tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "moves.py").write_text(

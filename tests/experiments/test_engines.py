@@ -6,6 +6,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import dask
 import distributed
@@ -95,7 +96,12 @@ def test_wrong_options_are_refused(options, message):
         Engine(**options).check()
 
 
-def test_an_address_without_a_scheduler_is_an_os_error():
+def test_an_address_without_a_scheduler_is_an_os_error(monkeypatch):
+    def hasty(address: str, timeout: float, **options: Any) -> distributed.Client:
+        return client(address, timeout=timeout / 20.0, **options)
+
+    client = distributed.Client
+    monkeypatch.setattr(distributed, "Client", hasty)
     engine = Engine(engine="dask", address="tcp://127.0.0.1:9")
     with pytest.raises(
         OSError, match=r"no Dask scheduler with workers answers at tcp://127.0.0.1"
@@ -103,6 +109,7 @@ def test_an_address_without_a_scheduler_is_an_os_error():
         next(engine.run(abs, [0]))
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_a_policy_of_one_s_own_travels_to_the_cluster(scheduler, tmp_path, monkeypatch):
     """Its workers run in other folders, and outlive a version of the file."""
     source = "def make(training):\n    raise RuntimeError({!r})\n"

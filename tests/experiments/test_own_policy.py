@@ -86,6 +86,7 @@ def test_json_stays_alone_on_standard_output(module, capfd):
     assert "gplfd: warning: the gain is zero" in printed.err
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_run_keeps_which_file_the_policy_came_from(module):
     name = f"./{module}.py:make"
     assert gplfd("run", "--policy", name, "--doors", "small", "--quiet") == 0
@@ -101,6 +102,7 @@ def test_run_keeps_which_file_the_policy_came_from(module):
     }
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_an_error_in_the_policy_is_reported_with_its_place(module, capsys):
     name, line = f"{module}:refusing", "line 13, in refusing"
     place = f"FileNotFoundError: no weights ({module}.py, {line})"
@@ -124,6 +126,7 @@ def test_an_error_in_the_policy_is_reported_with_its_place(module, capsys):
     assert f'{module}.py", {line}' in trace
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     name = f"{module}:make"
     study = ("benchmark", "--policies", "oracle", name, *SHORT, "--out", "study")
@@ -160,6 +163,7 @@ def elsewhere(module, tmp_path_factory):
     return go
 
 
+@pytest.mark.usefixtures("policies_here")
 def test_the_file_travels_to_where_it_is_missing(module, elsewhere):
     task = planned(f"{module}:make")
     files = files_of(

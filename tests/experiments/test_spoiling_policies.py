@@ -41,27 +41,32 @@ def fork():
     os.fork()
     return np.full(6, np.nan)
 
-interrupting = policy(lambda: throw(KeyboardInterrupt()))
-state = policy(state)
-forking = policy(fork)
+def failing(training):
+    faults = lambda: throw(KeyboardInterrupt()), lambda: time.sleep(999), fork, state
+    return policy(faults[training.seed])(training)
+
 leaving = policy(lambda: os._exit(3))
 killed = policy(lambda: os.kill(os.getpid(), signal.SIGKILL))
-hanging = policy(lambda: time.sleep(999))
 """
 ERRORS = {
-    "interrupting": "KeyboardInterrupt:  (spoiling.py, line 16, in throw)",
-    "state": "ValueError: Agent.act returned None at step 1",
-    "forking": "ValueError: Agent.act returned array([nan, nan,",
-    "leaving": "its process ended: exit status 3, in the policy's code",
-    "killed": "its process ended: signal 9, in the policy's code",
-    "hanging": "TimeoutError: the policy did not return (limits: 900 s to learn",
+    "failing": [
+        "KeyboardInterrupt:  (spoiling.py, line 16, in throw)",
+        "TimeoutError: the policy did not return (limits: 900 s to learn",
+        "ValueError: Agent.act returned array([nan, nan,",
+        "ValueError: Agent.act returned None at step 1",
+    ],
+    "leaving": ["its process ended: exit status 3, in the policy's code"],
+    "killed": ["its process ended: signal 9, in the policy's code"],
 }
+"""By policy, and seed."""
 
 
-def outcomes(folder: Path, policies: Any, **settings: Any) -> dict[str, Any]:
-    """Return error, or metrics without times, by policy, of the files of a study."""
-    settings |= {"policies": tuple(policies), "skill": False, "seeds": 1}
-    study = tasks(checked(StudySettings(doors=("small",), **settings)))
+def outcomes(folder: Path, seeds: dict[str, int]) -> dict[tuple[str, int], Any]:
+    """Return error, or metrics without times, by policy and seed, of a study's files."""
+    study: list[Any] = []
+    for policy, number in seeds.items():
+        options: Any = {"policies": (policy,), "seeds": number, "skill": False}
+        study += tasks(checked(StudySettings(doors=("small",), **options)))
     list(run_study(folder, study, Engine(engine="serial")))
     ends = {}
     for path in folder.glob("tasks/*.json"):
@@ -71,19 +76,21 @@ def outcomes(folder: Path, policies: Any, **settings: Any) -> dict[str, Any]:
             for name, value in result["metrics"].items()
             if "latency" not in name
         }
-        assert result.get("lost", False) == (end == ERRORS["killed"])
-        ends[result["task"]["policy"]] = end
+        assert result.get("lost", False) == (end == ERRORS["killed"][0])
+        ends[result["task"]["policy"], result["task"]["seed"]] = end
     return ends
 
 
 def test_no_policy_spoils_another_s_result(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("spoiling.py").write_text(SPOILING)
-    alone = outcomes(Path("alone"), ["hinge-fit"])
-    own = {f"spoiling.py:{name}": error for name, error in ERRORS.items()}
-    together = outcomes(Path("together"), [*own, "hinge-fit"])
-    assert together.pop("hinge-fit") == alone["hinge-fit"]
-    assert together.keys() == own.keys()
-    for name, error in own.items():
-        assert together[name].startswith(error), name
+    alone = outcomes(Path("alone"), {"hinge-fit": 1})
+    own = {f"spoiling.py:{name}": errors for name, errors in ERRORS.items()}
+    seeds = {name: len(errors) for name, errors in own.items()}
+    together = outcomes(Path("together"), seeds | {"hinge-fit": 1})
+    assert together.pop(("hinge-fit", 0)) == alone["hinge-fit", 0]
+    for name, errors in own.items():
+        for seed, error in enumerate(errors):
+            assert together.pop((name, seed)).startswith(error), (name, seed)
+    assert together == {}
     assert (Path.cwd(), np.geterr()["under"]) == (tmp_path, "ignore")

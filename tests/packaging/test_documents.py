@@ -80,8 +80,6 @@ def test_code_in_the_pages_runs(tmp_path, run_python):
     a traceback has the block's text.
     """
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    first = ("--doors", "medium", "--out", "results/first")
-    run_python("-m", "gplfd", "run", *first)
     # What needs more than that is marked, and run where it is.
     blocks = [
         block
@@ -92,7 +90,8 @@ def test_code_in_the_pages_runs(tmp_path, run_python):
         if not mark
     ]
     each = (
-        "import sys\n"
+        "import sys\nfrom gplfd_experiments.cli.main import main\n"
+        "main(['run', '--doors', 'medium', '--out', 'results/first'])\n"
         "for block in sys.argv[1:]:\n"
         "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
     )
@@ -101,7 +100,9 @@ def test_code_in_the_pages_runs(tmp_path, run_python):
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
 
-def test_policies_that_readers_copy_open_doors_gently(tmp_path, run_python):
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.usefixtures("policies_here")
+def test_policies_that_readers_copy_open_doors_gently(tmp_path, monkeypatch, capsys):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
     page = (DOCS / "own-policy.md").read_text()
     blocks = re.findall(CODE, page, re.S)
@@ -110,6 +111,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path, run_python):
     cells = ["".join(cell["source"]) for cell in tutorial["cells"]]
     (feel,) = (cell for cell in cells if cell.startswith("%%writefile feel.py\n"))
     (method,) = re.findall(r"```python\n([^`]*^make = Method[^`]*)```", page, re.M)
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "method.py").write_text(method)
     (tmp_path / "mine.py").write_text(snippet)
     (tmp_path / "feel.py").write_text(feel.split("\n", 1)[1])
@@ -117,7 +119,8 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path, run_python):
         "benchmark --config small --no-skill --engine serial --json --quiet "
         "--seeds 1 --policies mine:make feel:make method:make"
     )
-    rows = json.loads(run_python("-W", "ignore", "-m", "gplfd", *study.split()).stdout)
+    assert cli.main(study.split()) == 0
+    rows = json.loads(capsys.readouterr().out)
     assert {(row["door"], row["opened"]) for row in rows} == {
         (door, 1) for door in ("small", "medium", "large")
     }
