@@ -8,16 +8,19 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
+from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
+from gplfd_experiments.data import importing
 from gplfd_experiments.data.preparation import frames
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.data.teacher.motion import minimum_jerk
@@ -247,6 +250,21 @@ def small_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 def coarse_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look for reaches in recordings in coarse steps: it takes most of an import."""
     monkeypatch.setattr(frames, "_CUTS", frames._CUTS[::5])
+
+
+@pytest.fixture
+def no_picture() -> Iterator[None]:
+    """Leave the picture of an import empty: drawing takes longer than all else."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importing, "draw", lambda motions, path: path.touch())
+        yield
+
+
+@pytest.fixture
+def short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """End episodes after 1.5 s, where it does not matter whether a door opens."""
+    for name in ENVIRONMENT_IDS.values():
+        monkeypatch.setattr(gym.spec(name), "max_episode_steps", 150)
 
 
 @pytest.fixture

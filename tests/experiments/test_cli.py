@@ -92,7 +92,7 @@ def test_a_folder_is_of_one_process_until_it_dies(refused, tmp_path):
     assert not list(path.iterdir())
 
 
-@pytest.mark.usefixtures("policies_here")
+@pytest.mark.usefixtures("policies_here", "short_episodes")
 def test_a_policy_that_changes_the_folder_does_not_move_the_results(gplfd, tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "moves.py").write_text(
@@ -106,6 +106,7 @@ def test_a_policy_that_changes_the_folder_does_not_move_the_results(gplfd, tmp_p
     assert not files(tmp_path / "there")
 
 
+@pytest.mark.usefixtures("short_episodes")
 def test_run_learns_from_a_file_and_the_same_seed_gives_the_same_log(gplfd, tmp_path):
     common = (*ORACLE, "--doors", "small")
     assert gplfd(*common, "--demonstrations-per-door", "1", "--out", "a") == 0
@@ -122,6 +123,7 @@ def test_run_learns_from_a_file_and_the_same_seed_gives_the_same_log(gplfd, tmp_
     assert logs[0].forces.wrench.tobytes() == logs[1].forces.wrench.tobytes()
 
 
+@pytest.mark.usefixtures("short_episodes")
 def test_a_run_that_ends_early_leaves_complete_files(
     refused, gplfd, tmp_path, monkeypatch, capsys
 ):

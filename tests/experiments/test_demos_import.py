@@ -83,6 +83,7 @@ def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
 
 
 @pytest.mark.filterwarnings("ignore:2 demonstrations leave")
+@pytest.mark.usefixtures("no_picture")
 def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
     kept = load_demonstrations("set")
@@ -158,6 +159,7 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
+@pytest.mark.usefixtures("no_picture")
 def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     tmp_path, monkeypatch
 ):
@@ -173,6 +175,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     assert result["success"]
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_the_page_leads_from_recordings_to_a_robots_table(tmp_path, monkeypatch):
     page = (ROOT / "docs/recordings.md").read_text()
     (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)

@@ -286,12 +286,12 @@ def test_the_command_draws_some_figures(gplfd, tmp_path, make_log, monkeypatch):
     monkeypatch.setattr(module.build, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(module, "rollout", short)
     out = tmp_path / "out"
-    for only in ("fig10", "fig03"):
+    for only in ("fig10", "fig07"):
         assert gplfd("figures", "--out", "out", "--only", only) == 0
-    images = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
+    images = {f"{name}{end}" for name in ("fig07", "fig10") for end in (".png", ".svg")}
     expected = {*images, "captions.md", "figures.json"}
     assert {path.name for path in out.iterdir()} == expected
     captions = (out / "captions.md").read_text()
     heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]
-    assert heads == ["## fig03", "## fig10"]
+    assert heads == ["## fig07", "## fig10"]
     assert json.loads((out / "figures.json").read_text())["config"]["seed"] == 0

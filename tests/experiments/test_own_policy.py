@@ -26,7 +26,7 @@ from gplfd_experiments.studies.sources import (
 from gplfd_experiments.studies.tasks import task_from
 from gplfd_policies.registry.catalogue import policy_named
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
 
 OWN = """\
 import warnings; import numpy as np

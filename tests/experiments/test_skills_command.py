@@ -61,6 +61,7 @@ def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys
     assert demonstrated_doors(Path("demos.npz")) == ()
 
 
+@pytest.mark.usefixtures("short_episodes")
 def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):
     assert cli.main(["learn", "demos.npz", "--out", "new/skill.npz", "--quiet"]) == 0
     assert "gplfd run --skill new/skill.npz" in capsys.readouterr().out

@@ -12,7 +12,7 @@ from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.tasks import checked, tasks
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
 
 # Its import changes the process, too; a control step may take a second there.
 SPOILING = """\

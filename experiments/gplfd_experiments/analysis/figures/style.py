@@ -92,7 +92,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> None:
     """Write ``name.png`` and ``name.svg``; the same figure gives the same bytes."""
     # The layout is computed once, not for each file.
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)
     for suffix, metadata in (
         (".png", {"Software": None}),
         (".svg", {"Date": None, "Creator": None}),
