@@ -20,7 +20,7 @@ from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.data import importing
+from gplfd_experiments.data import importing, readers
 from gplfd_experiments.data.preparation import frames
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.data.teacher.motion import minimum_jerk
@@ -257,6 +257,18 @@ def no_picture() -> Iterator[None]:
     """Leave the picture of an import empty: drawing takes longer than all else."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importing, "draw", lambda motions, path: path.touch())
+        yield
+
+
+@pytest.fixture
+def reads_here() -> Iterator[None]:
+    """Read files in this process, without limits: another takes a second to start."""
+
+    def read(paths: Iterable[str | Path], settings: Any) -> Iterator[Any]:
+        return (readers.read_here(Path(path), settings) for path in paths)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importing, "read_files", read)
         yield
 
 

@@ -83,7 +83,7 @@ def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
 
 
 @pytest.mark.filterwarnings("ignore:2 demonstrations leave")
-@pytest.mark.usefixtures("no_picture")
+@pytest.mark.usefixtures("no_picture", "reads_here")
 def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
     kept = load_demonstrations("set")
@@ -106,6 +106,7 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
         assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
 
 
+@pytest.mark.usefixtures("reads_here")
 def test_forces_are_imported_as_the_options_say(files):
     first, *rows = Path("0.csv").read_text().splitlines()
     forces = [f"{row},0,0,{5.0 + number % 3},0,0,0" for number, row in enumerate(rows)]
@@ -127,6 +128,7 @@ def test_forces_are_imported_as_the_options_say(files):
     assert rows > 0.8 * columns  # With a third row of panels.
 
 
+@pytest.mark.usefixtures("reads_here")
 def test_a_full_disk_is_told_and_leaves_nothing(files, monkeypatch, caplog):
     before = sorted(Path().rglob("*"))
 
@@ -159,7 +161,7 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
-@pytest.mark.usefixtures("no_picture")
+@pytest.mark.usefixtures("no_picture", "reads_here")
 def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     tmp_path, monkeypatch
 ):
@@ -175,7 +177,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     assert result["success"]
 
 
-@pytest.mark.usefixtures("no_picture")
+@pytest.mark.usefixtures("no_picture", "reads_here")
 def test_the_page_leads_from_recordings_to_a_robots_table(tmp_path, monkeypatch):
     page = (ROOT / "docs/recordings.md").read_text()
     (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)

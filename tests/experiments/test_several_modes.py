@@ -56,7 +56,7 @@ def test_demonstrations_of_one_kind_are_one_mode(kind, habits):
         assert partition(align([shown[0], shown[-1]])) == ((0, 1),)
 
 
-@pytest.mark.usefixtures("coarse_cuts", "no_picture")
+@pytest.mark.usefixtures("coarse_cuts", "no_picture", "reads_here")
 def test_recordings_of_one_motion_are_one_mode(gplfd):
     for name, rate, frame in (
         ("openbox", 20, "first-pose"),
