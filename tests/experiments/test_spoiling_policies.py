@@ -62,7 +62,7 @@ ERRORS = {
 
 
 def outcomes(folder: Path, seeds: dict[str, int]) -> dict[tuple[str, int], Any]:
-    """Return error, or metrics without times, by policy and seed, of a study's files."""
+    """Return error, or metrics without times, by policy and seed, of a study."""
     study: list[Any] = []
     for policy, number in seeds.items():
         options: Any = {"policies": (policy,), "seeds": number, "skill": False}
