@@ -110,12 +110,13 @@ class CheckedAgent:
         """Return the command for the next control period."""
         self._step += 1
         answer = step = self._candidate.act(_copied(observation))
-        with contextlib.suppress(TypeError, ValueError, OverflowError):
-            numbers = real_array(answer)
-            if self.control == "pose" and numbers.shape == (6,):
-                step = AgentStep(action=numbers)
-            elif self.control == "impedance" and numbers.shape == (12,):
-                step = AgentStep(action=numbers[:6], stiffness=numbers[6:])
+        if not isinstance(answer, AgentStep):
+            with contextlib.suppress(TypeError, ValueError, OverflowError):
+                numbers = real_array(answer)
+                if self.control == "pose" and numbers.shape == (6,):
+                    step = AgentStep(action=numbers)
+                elif self.control == "impedance" and numbers.shape == (12,):
+                    step = AgentStep(action=numbers[:6], stiffness=numbers[6:])
         if (
             isinstance(step, AgentStep)
             and step.action.shape == (6,)

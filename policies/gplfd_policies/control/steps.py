@@ -119,13 +119,13 @@ class AgentStep:
     def __post_init__(self) -> None:
         leading = np.shape(self.action)[:-1]
         for name, shape in STEP_SHAPES.items():
-            if not (leading or shape) and type(getattr(self, name)) is np.float64:
-                continue
-            dtype = np.bool_ if name == "via_point" else np.float64
             value: Any = getattr(self, name)
-            if value is _NAN and name != "action" and shape in _ABSENT and not leading:
+            if not leading and value is _NAN and name != "action":
                 object.__setattr__(self, name, _ABSENT[shape])
                 continue
+            if not (leading or shape) and type(value) is np.float64:
+                continue
+            dtype = np.bool_ if name == "via_point" else np.float64
             value = real_array(value) if name == "action" else value
             array: np.ndarray = np.array(value, dtype)
             expected, single = leading + shape, shape if name == "frame" else ()
@@ -166,7 +166,7 @@ class AgentStep:
         if isinstance(rows, tuple):
             return self
         everyone = AgentStep(action=last_actions)
-        fields = {name: getattr(everyone, name).copy() for name in STEP_SHAPES}
+        fields = {name: getattr(everyone, name) for name in STEP_SHAPES}
         for name, array in fields.items():
             array[rows] = getattr(self, name)
         return AgentStep(**fields)

@@ -374,7 +374,7 @@ class HingeFitAgent:
             self._door.hand_poses(self._angle) + self._fading,
             load.compliant_wrench,
             phase=self._angle / DEMONSTRATED_ANGLE,
-            observed_phase=np.clip(observed / DEMONSTRATED_ANGLE, 0.0, 1.0),
+            observed_phase=min(max(observed / DEMONSTRATED_ANGLE, 0.0), 1.0),
         )
 
     @property
