@@ -15,12 +15,11 @@ import numpy.typing as npt
 from numpy.typing import ArrayLike
 
 from gplfd_env.spatial.rotation_paths import (
+    Array,
     checked_rows,
     rotvec_from_quaternion,
     unwrap_rotvecs,
 )
-
-Array = npt.NDArray[np.float64]
 
 # Angles and axis components closer than this to π or 0 count as equal to it.
 _ROUNDING = 1e-12

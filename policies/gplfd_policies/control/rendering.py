@@ -91,14 +91,14 @@ _SMOOTHING: Final = 0.2
 """Time constant of the velocity for the lead [s]. Near the limit of the load the pace
 falls by 0.16 per newton: without smoothing the lead would alternate."""
 
-Range = tuple[tuple[float, float], tuple[float, float]]
+StiffnessRange = tuple[tuple[float, float], tuple[float, float]]
 
 
 class VirtualRendering(Admittance):
     """Virtual dynamics displace the set-point of the arm, which is always stiff."""
 
     control: ClassVar[Control] = "pose"
-    stiffness_range: ClassVar[Range] = ((0.0, math.inf), (0.0, math.inf))
+    stiffness_range: ClassVar[StiffnessRange] = ((0.0, math.inf), (0.0, math.inf))
 
     def __init__(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...] = ()
@@ -149,7 +149,7 @@ class ArmRendering:
     """
 
     control: ClassVar[Control] = "impedance"
-    stiffness_range: ClassVar[Range] = ((20.0, 2000.0), (1.0, 100.0))
+    stiffness_range: ClassVar[StiffnessRange] = ((20.0, 2000.0), (1.0, 100.0))
 
     def __init__(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...] = ()
