@@ -128,14 +128,14 @@ class AgentStep:
             dtype = np.bool_ if name == "via_point" else np.float64
             value = real_array(value) if name == "action" else value
             array: np.ndarray = np.array(value, dtype)
-            expected, single = leading + shape, shape if name == "frame" else ()
-            repeated = array.shape == single and name != "action"
-            if array.shape != expected and not repeated:
-                raise ValueError(
-                    f"AgentStep.{name} must have shape {expected}, got {array.shape}"
-                )
-            if array.shape != expected:
-                array = np.full(expected, array)
+            if array.shape != leading + shape:
+                single = shape if name == "frame" else ()
+                if array.shape != single or name == "action":
+                    raise ValueError(
+                        f"AgentStep.{name} must have shape {leading + shape}, got "
+                        f"{array.shape}"
+                    )
+                array = np.full(leading + shape, array)
             # The empty index turns arrays without axes into NumPy scalars.
             object.__setattr__(self, name, array[()])
 

@@ -422,14 +422,12 @@ def size_and_heading(
     weights: Float[np.ndarray, "*N K"], features: Float[np.ndarray, "9 *N K"]
 ) -> Float[np.ndarray, " 4 *N"]:
     """Return size, σ of its logarithm, heading, and its σ [rad], of weighted sizes."""
-    log_sizes, headings, variances = features[6:]
-    size, heading = (np.add.reduce(weights * x, axis=-1) for x in (log_sizes, headings))
-    squares = (
-        np.array([log_sizes - size[..., None], headings - heading[..., None]]) ** 2
-    )
-    squares[1] += variances
+    means = np.add.reduce(weights * features[6:8], axis=-1)
+    squares = (features[6:8] - means[..., None]) ** 2
+    squares[1] += features[8]
     stds = np.sqrt(np.maximum(np.add.reduce(weights * squares, axis=-1), 0.0))
     # NumPy's exponential differs from that of `math`.
+    size, heading = means
     sizes = np.reshape([math.exp(x) for x in np.ravel(size).tolist()], size.shape)
     return np.array([sizes, stds[0], heading, stds[1]])
 

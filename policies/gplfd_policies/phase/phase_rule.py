@@ -291,7 +291,7 @@ class PathPhase:
             observed.append((far, *rotation, x / far, y / far, z / far))
             paths.append(path)
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.stack([path.features for path in paths], axis=1)
+        similar = np.concatenate([path.features[:, None] for path in paths], axis=1)
         similar = similar.reshape(9, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
