@@ -266,17 +266,3 @@ def test_unknown_commands_and_options_end_with_status_2(gplfd, capsys):
     for words in ("benchmrk", "demos imprt a.csv", "list --jsn", "run --seed many"):
         assert gplfd(*words.split()) == 2
         assert "gplfd --help" in capsys.readouterr().err
-
-
-# --- Processes ---------------------------------------------------------------
-
-
-def test_help_loads_neither_simulator_nor_viewer():
-    code = (
-        "import sys, gplfd_experiments.cli.main as cli\n"
-        "try: cli.main(['run', '--help'])\n"
-        "except SystemExit: pass\n"
-        "heavy = {'mujoco', 'rerun', 'scipy'} & set(sys.modules)\n"
-        "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -3,6 +3,7 @@
 DRAW = "mujoco rerun glfw matplotlib sklearn scipy.stats scipy.signal"
 LEFT_OUT = {
     "gplfd_env": f"{DRAW} scipy gplfd_env.doors",
+    "gplfd_experiments.cli.main": f"{DRAW} scipy",
     "gplfd_experiments.cli.doctor": f"{DRAW} joblib scipy.spatial",
     "gplfd_env.task.opening, gplfd_policies": DRAW,
     "gplfd_experiments.workflows.runs": "scipy.stats scipy.signal scipy.optimize",
