@@ -11,7 +11,7 @@ import numpy as np
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Pose, Vectors
+from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     GaussianTrajectory,
@@ -137,13 +137,6 @@ class GriddedMovements:
         values: np.ndarray = (1.0 - share) * table.take(row, 0)
         values += share * table.take(row + 1, 0)
         return values
-
-    def at_member(self, member: int, phase: float) -> tuple[Pose, Pose]:
-        """Return mean and standard deviation of one member at a phase, each (6,)."""
-        if not self.numbers.shape:
-            return self.at(np.float64(phase))
-        means, stds = self.at(np.array([phase]), np.array([member]))
-        return means[0], stds[0]
 
     def ahead(
         self, phases: PerRow, rows: Rows = ALL_ROWS

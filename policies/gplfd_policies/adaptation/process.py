@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import thinned
+from gplfd_policies.arrays.records import read_only, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.conditioning import Innovation
 from gplfd_policies.gp.deviations import conjugate_share
@@ -130,7 +130,9 @@ class ConditionedProcess:
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid, a read-only view."""
-        return _unwritable(self._mean.view())
+        view = self._mean.view()
+        view.setflags(write=False)
+        return view
 
     @property
     def std(self) -> Outputs:
@@ -328,7 +330,7 @@ class ForceAdaptation:
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid, read-only."""
-        return _unwritable(_mixed(self.shares, [part.mean for part in self._parts]))
+        return read_only(_mixed(self.shares, [part.mean for part in self._parts]))
 
     @property
     def std(self) -> Outputs:
@@ -359,11 +361,6 @@ class ForceAdaptation:
             std_rate=rate / std,
             covariance_function=partial(_mixed_covariance, shares, apart, parts),
         )
-
-
-def _unwritable(array: np.ndarray) -> np.ndarray:
-    array.setflags(write=False)
-    return array
 
 
 def _mixed(

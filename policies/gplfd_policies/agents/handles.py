@@ -88,9 +88,11 @@ class HandleMovements(GriddedMovements):
 
     def observe(self, member: int, via_point: ViaPoint) -> None:
         """Condition a row's movement on a via-point, given as a pose of the hand."""
-        expected, _ = self.at_member(member, via_point.phase)
+        rows = np.array([member]) if self.numbers.shape else ALL_ROWS
+        phase = np.full(self.numbers[rows].shape, via_point.phase)
+        expected = self.at(phase, rows)[0].ravel().tolist()
         pose = self._handles[member].without_handle_motion(
-            via_point.pose.tolist(), expected.tolist()
+            via_point.pose.tolist(), expected
         )
         super().observe(member, replace(via_point, pose=np.array(pose)))
 

@@ -130,7 +130,26 @@ class ModesAgent:
         decay = config.settling_time / (CONTROL_PERIOD + config.settling_time)
         self._offset = decay * self._offset
         if self._next == self._mode:
-            self._weigh(pose, wrench)
+            errors = ((pose - self._means) ** 2 / self._variances).sum(axis=2)
+            modes, nearest = np.arange(len(errors)), errors.argmin(axis=1)
+            directions = self._directions[modes, nearest]
+            load = -(directions * (wrench / _ARM)).sum(axis=1)
+            load[self._mode] = math.sqrt(wrench[:3] @ wrench[:3])
+            self._recent = [*self._recent[1 - _LASTING :], load]
+            along = (directions * (_ARM * (pose - self._marks))).sum(axis=1)
+            came = along >= config.step
+            self._marks[came] = pose
+            borne = np.maximum(self._loads, np.min(self._recent, axis=0))
+            self._loads = np.where(came, 0.0, borne)
+            self._errors = np.maximum(self._errors, errors[modes, nearest])
+            turned = [
+                agent.handle is not None
+                and agent.handle.turned(pose.tolist()) >= _TURNED * agent.handle.travel
+                for agent in self.agents
+            ]
+            scales = np.where(turned, config.turned_load_scale, config.load_scale)
+            misfits = (self._loads / scales) ** 2 + self._errors
+            self._log_weights = self._prior - 0.5 * misfits
             best = int(np.argmax(self._log_weights))
             lead = self._log_weights[best] - self._log_weights[self._mode]
             if last is not None and lead > math.log(config.odds):
@@ -149,31 +168,6 @@ class ModesAgent:
             if _length(pose - self._trail[-1]) >= _STRIDE:
                 self._trail.append(pose)
         return self._decided(replace(step, action=step.action + self._offset))
-
-    def _weigh(self, pose: Pose, wrench: Pose) -> None:
-        """Update the weights of the modes by the hand's pose and wrench."""
-        config = self.config
-        errors = ((pose - self._means) ** 2 / self._variances).sum(axis=2)
-        modes, nearest = np.arange(len(errors)), errors.argmin(axis=1)
-        directions = self._directions[modes, nearest]
-        load = -(directions * (wrench / _ARM)).sum(axis=1)
-        load[self._mode] = math.sqrt(wrench[:3] @ wrench[:3])
-        self._recent = [*self._recent[1 - _LASTING :], load]
-        along = (directions * (_ARM * (pose - self._marks))).sum(axis=1)
-        came = along >= config.step
-        self._marks[came] = pose
-        borne = np.maximum(self._loads, np.min(self._recent, axis=0))
-        self._loads = np.where(came, 0.0, borne)
-        self._errors = np.maximum(self._errors, errors[modes, nearest])
-        turned = [
-            agent.handle is not None
-            and agent.handle.turned(pose.tolist()) >= _TURNED * agent.handle.travel
-            for agent in self.agents
-        ]
-        scales = np.where(turned, config.turned_load_scale, config.load_scale)
-        self._log_weights = self._prior - 0.5 * (
-            (self._loads / scales) ** 2 + self._errors
-        )
 
     def _back_off(self, last: AgentStep) -> AgentStep:
         """Return the next step back through the poses of the hand's path."""

@@ -33,7 +33,6 @@ GRASPED: Final = "grasped"
 _GRID: Final = np.linspace(0.0, 1.0, 100)
 _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range], 3)
 
-Waves = Float[np.ndarray, "2 ..."]
 Stage = Literal["reach", "back", "in", "close", "shake", "held"]
 
 CLOSING: Final = 0.9
@@ -191,7 +190,15 @@ class GraspSearch:
                     self._forces.append(force)
                     self._command[1:3] += SHAKE[0] * _shake(since / SHAKE[1])
                 elif since >= SHAKE[1] + _REST:
-                    self._judge(observation)
+                    # Decide by its forces whether the hand holds something.
+                    shares = np.arange(1, len(self._forces) + 1) / len(self._forces)
+                    forces, waves = np.array(self._forces)[:, 1:], _shake(shares)
+                    resistance = -2.0 * (forces * waves.T).mean(axis=0)
+                    self._go_on(bool(resistance.min() >= RESISTANCE), "held")
+                    if self.stage != "held":
+                        further = _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
+                        deeper = np.array([self._spread * further, 0.0, 0.0])
+                        self._again(observation, deeper)
         squared = float(force @ force)
         moving = self.stage in ("reach", "in") and since > _SETTLED
         if moving and squared > CONTACT_FORCE**2:
@@ -202,16 +209,6 @@ class GraspSearch:
             else:
                 self._go_on(True, "close")
         return self._command.copy()
-
-    def _judge(self, observation: Observation) -> None:
-        """Decide by the forces of the shake whether the hand holds something."""
-        shares = np.arange(1, len(self._forces) + 1) / len(self._forces)
-        forces, waves = np.array(self._forces)[:, 1:], _shake(shares)
-        resistance = -2.0 * (forces * waves.T).mean(axis=0)
-        self._go_on(bool(resistance.min() >= RESISTANCE), "held")
-        if self.stage != "held":
-            deeper = self._spread * _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
-            self._again(observation, np.array([deeper, 0.0, 0.0]))
 
     def _again(self, observation: Observation, beside: Vectors) -> None:
         """Start the next grasp, displaced from this one, unless it was the last."""
@@ -236,7 +233,7 @@ class GraspSearch:
         return np.asarray(self._from + progress * (goal - self._from))
 
 
-def _shake(share: float | Float[np.ndarray, " N"]) -> Waves:
+def _shake(share: float | Float[np.ndarray, " N"]) -> Float[np.ndarray, "2 ..."]:
     """Return the motion upwards and to the left, of amplitude 1, uncorrelated."""
     angle = 2.0 * math.pi * np.asarray(share)
     return np.array([np.sin(2.0 * angle), np.sin(angle)])

@@ -10,12 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_policies.arrays.storage import (
-    Members,
-    read_archive,
-    regular_file,
-    write_archive,
-)
+from gplfd_policies.arrays.storage import Members, read_archive, write_archive
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 KIND: Final = "gplfd demonstrations"
@@ -51,7 +46,6 @@ class LabelledDemonstrations:
         number = len(self.demonstrations)
         if self.frame not in FRAMES:
             raise ValueError(f"frame is {self.frame!r:.80}, must be one of {FRAMES}")
-        signals = self.signals or ({},) * number
         signals = self.signals or ({},) * number
         if number == 0 or not number == len(self.radii) == len(signals):
             raise ValueError(
@@ -119,7 +113,6 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
         raise FileNotFoundError(
             f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes it"
         )
-    regular_file(file, f"a set, a folder with {FILE}")
     try:
         return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
     except ValueError as error:

@@ -144,55 +144,41 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
     s fixed to it that rests during the first turn, p + (R - 1) s = 0, by least squares
     over positions p and rotations R of all demonstrations.
     """
-    for turn in _FIRST_TURNS:
-        handle = _turned_first(aligned, turn)
-        if handle is not None:
-            return handle
+    paths, numbers = aligned.demonstrated.poses, np.arange(len(aligned.poses))
+    angles = np.sqrt((paths[..., 3:] ** 2).sum(axis=2))
+    for first_turn in _FIRST_TURNS:
+        turned = np.argmax(angles >= first_turn, axis=1)
+        if not turned.all() or angles[:, -1].min() < _LATER_TURN:
+            continue
+        turns = paths[numbers, turned, 3:] / angles[numbers, turned, None]
+        first = np.mean(turns, axis=0)
+        first = first / math.sqrt(float(first @ first))
+        last = np.mean(paths[:, -1, 3:] / angles[:, -1:], axis=0)
+        if abs(float(first @ last)) > math.cos(_ANOTHER):
+            continue
+        ends = (turned + 1).tolist()
+        arcs = np.vstack([path[:end] for path, end in zip(paths, ends, strict=True)])
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(arcs[:, 3:].copy())
+        matrix = (rotations.as_matrix() - np.eye(3)).reshape(-1, 3)
+        side = -arcs[:, :3].ravel()
+        # Every point along the axis is a solution; the nearest one is used.
+        firm = np.vstack([matrix, _FIRM * np.outer(first, first)])
+        point, *_ = np.linalg.lstsq(firm, np.concatenate([side, np.zeros(3)]))
+        left = matrix @ point - side
+        if math.sqrt(3.0 * float(np.mean(left * left))) > _STILL:
+            continue
+        px, py, pz = point.tolist()
+        ax, ay, az = first.tolist()
+        handle = TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
+        furthest = [
+            max(handle.swing_twist(rotation)[1] for rotation in path[:, 3:].tolist())
+            for path in paths
+        ]
+        places = handle.axis_positions(aligned.poses)[..., :3].mean(axis=0)
+        moved = np.sqrt((places**2).sum(axis=1)) >= _MOVED
+        opens = float(aligned.times[int(np.argmax(moved))])
+        return replace(handle, travel=float(np.mean(furthest)), opens=opens)
     return None
-
-
-def _turned_first(
-    aligned: AlignedDemonstrations, first_turn: float
-) -> TurnedHandle | None:
-    """Find the handle that demonstrations turn first by at least an angle [rad]."""
-    firsts, lasts, rows, sides = [], [], [], []
-    for poses in aligned.demonstrated.poses:
-        angles = np.sqrt((poses[:, 3:] ** 2).sum(axis=1))
-        turned = int(np.argmax(angles >= first_turn))
-        if turned == 0 or angles[-1] < _LATER_TURN:
-            return None
-        firsts.append(poses[turned, 3:] / angles[turned])
-        lasts.append(poses[-1, 3:] / angles[-1])
-        rotvecs = poses[: turned + 1, 3:].copy()
-        rotations = scipy.spatial.transform.Rotation.from_rotvec(rotvecs)
-        turns = rotations.as_matrix().reshape(-1, 3)
-        rows.append(turns - np.tile(np.eye(3), (turned + 1, 1)))
-        sides.append(-poses[: turned + 1, :3].ravel())
-    first = np.mean(firsts, axis=0)
-    first = first / math.sqrt(float(first @ first))
-    if abs(float(first @ np.mean(lasts, axis=0))) > math.cos(_ANOTHER):
-        return None
-    matrix, side = np.vstack(rows), np.concatenate(sides)
-    # Every point along the axis is a solution; the nearest one is used.
-    firm = np.vstack([matrix, _FIRM * np.outer(first, first)])
-    point, *_ = np.linalg.lstsq(firm, np.concatenate([side, np.zeros(3)]))
-    left = matrix @ point - side
-    if math.sqrt(3.0 * float(np.mean(left * left))) > _STILL:
-        return None
-    px, py, pz = point.tolist()
-    ax, ay, az = first.tolist()
-    handle = TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
-    furthest = [
-        max(handle.swing_twist(rotation)[1] for rotation in poses[:, 3:].tolist())
-        for poses in aligned.demonstrated.poses
-    ]
-    places = handle.axis_positions(aligned.poses)[..., :3].mean(axis=0)
-    moved = np.sqrt((places**2).sum(axis=1)) >= _MOVED
-    return replace(
-        handle,
-        travel=float(np.mean(furthest)),
-        opens=float(aligned.times[int(np.argmax(moved))]),
-    )
 
 
 def seen_at(

@@ -147,52 +147,39 @@ class MapNoise(Quantities):
         shortest = self.shortest_scale
         kernel = fit_kernel(times, observed - level, variance, shortest=shortest)
         basis = NoiseProfile.basis_over(times)
-        varying = _gamma_mode(basis, kernel, times, free, pooled, level)
+        # The mode of z − level = features @ position, with position ~ N(0, I).
+        vague = _OFFSET_VARIANCE * np.outer(basis.root_weights, basis.root_weights)
+        root = square_root(basis.kernel_matrix(kernel) + vague)
+        features = basis.shared_matrix(times) @ root
+
+        def cost(position: np.ndarray) -> tuple[float, np.ndarray]:
+            deviation = features @ position
+            # A step that overshoots may overflow; the line search rejects infinity.
+            with np.errstate(over="ignore"):
+                scaled = half * pooled * np.exp(-level - deviation)
+            value = np.sum(half * deviation + scaled) + 0.5 * position @ position
+            return float(value), scaled
+
+        position = np.zeros(features.shape[1])
+        value, scaled = cost(position)
+        for _ in range(100):
+            gradient = features.T @ (half - scaled) + position
+            hessian = features.T @ (scaled[:, None] * features)
+            hessian[np.diag_indices_from(hessian)] += 1.0
+            step = np.linalg.solve(hessian, gradient)
+            decrease = float(gradient @ step)
+            if decrease < 1e-12 * len(times):
+                break
+            length = 1.0
+            candidate, candidate_scaled = cost(position - step)
+            while not candidate <= value - 1e-4 * length * decrease and length > 1e-6:
+                length *= 0.5
+                candidate, candidate_scaled = cost(position - length * step)
+            position = position - length * step
+            value, scaled = candidate, candidate_scaled
+        varying = root @ position
         floor = self.least_spread**2
         return NoiseProfile(level=level, basis=basis, coefficients=varying, floor=floor)
-
-
-def _gamma_mode(
-    basis: LegendreBasis,
-    kernel: RBF,
-    times: Times,
-    free: int,
-    pooled: Curve,
-    level: float,
-) -> Float[np.ndarray, " Q"]:
-    """Coefficients of the mode of z(t) − level under the gamma likelihood."""
-    vague = _OFFSET_VARIANCE * np.outer(basis.root_weights, basis.root_weights)
-    root = square_root(basis.kernel_matrix(kernel) + vague)
-    features = basis.shared_matrix(times) @ root
-    half = 0.5 * free
-
-    def cost(position: np.ndarray) -> tuple[float, np.ndarray]:
-        deviation = features @ position
-        # A Newton step that overshoots may overflow; the line search rejects infinity.
-        with np.errstate(over="ignore"):
-            scaled = half * pooled * np.exp(-level - deviation)
-        value = np.sum(half * deviation + scaled) + 0.5 * position @ position
-        return float(value), scaled
-
-    # z − level = features @ position with position ~ N(0, I)
-    position = np.zeros(features.shape[1])
-    value, scaled = cost(position)
-    for _ in range(100):
-        gradient = features.T @ (half - scaled) + position
-        hessian = features.T @ (scaled[:, None] * features)
-        hessian[np.diag_indices_from(hessian)] += 1.0
-        step = np.linalg.solve(hessian, gradient)
-        decrease = float(gradient @ step)
-        if decrease < 1e-12 * len(times):
-            break
-        length = 1.0
-        candidate, candidate_scaled = cost(position - step)
-        while not candidate <= value - 1e-4 * length * decrease and length > 1e-6:
-            length *= 0.5
-            candidate, candidate_scaled = cost(position - length * step)
-        position = position - length * step
-        value, scaled = candidate, candidate_scaled
-    return root @ position
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -200,6 +200,4 @@ class LegendreBasis:
 
 @lru_cache(maxsize=4)
 def _remembered_matrix(basis: LegendreBasis, times: bytes) -> Float[np.ndarray, "M Q"]:
-    table = basis.matrix(np.frombuffer(times))
-    table.setflags(write=False)
-    return table
+    return read_only(basis.matrix(np.frombuffer(times)))

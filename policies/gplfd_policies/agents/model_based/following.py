@@ -186,6 +186,8 @@ _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_rat
 """M, and δ, with which D = 2 δ √(M K) is 100 N s/m and 10 N m s/rad. Tuned."""
 JUMP_DECAY: Final = 0.95
 """Share of a jump between two estimates of the path left after a period. Tuned."""
+CARRIED: Final = CarriedLoad()
+"""Load rule of these agents; it has no state."""
 
 
 class HandPath:
@@ -301,7 +303,6 @@ class ReflexAgent:
     """Moves in the direction of the last displacement; yields to forces across it."""
 
     def __init__(self) -> None:
-        self._load = CarriedLoad()
         self.reset({})
 
     def reset(self, observation: Observation) -> None:
@@ -315,7 +316,7 @@ class ReflexAgent:
         self._path.add(hand[:3])
         direction = self._path.direction()
         turn = turned_towards(direction)
-        load = self._load.compensate(wrench, direction)
+        load = CARRIED.compensate(wrench, direction)
         if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
             self._position += _SPEED * CONTROL_PERIOD * load.pace * direction
         desired = np.concatenate([self._position, turn])
@@ -335,7 +336,6 @@ class HingeFitAgent:
     """
 
     def __init__(self) -> None:
-        self._load = CarriedLoad()
         self.reset({})
 
     def reset(self, observation: Observation) -> None:
@@ -360,7 +360,7 @@ class HingeFitAgent:
 
         # The set-point advances; it stops at the angle at which demonstrations end.
         direction = self._door.direction(self._angle)
-        load = self._load.compensate(wrench, direction)
+        load = CARRIED.compensate(wrench, direction)
         left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
         self._speed = accelerated(
             self._speed, left, _ANGULAR_ACCELERATION, _ANGULAR_SPEED

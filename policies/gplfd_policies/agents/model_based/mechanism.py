@@ -33,6 +33,7 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.following import (
+    CARRIED,
     JUMP_DECAY,
     UPRIGHT,
     Circle,
@@ -43,7 +44,6 @@ from gplfd_policies.agents.model_based.following import (
 )
 from gplfd_policies.arrays.rows import PerRow
 from gplfd_policies.arrays.shapes import Axes, Float, Vectors
-from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 Array = Float[np.ndarray, "..."]
@@ -216,7 +216,6 @@ class MechanismFitAgent:
     """
 
     def __init__(self) -> None:
-        self._load = CarriedLoad()
         self.reset({})
 
     def _begin(self, guess: int) -> None:
@@ -257,7 +256,7 @@ class MechanismFitAgent:
             self._begin(self._guess + 1)
 
         direction = self.model.direction(self._travelled)
-        load = self._load.compensate(wrench, direction)
+        load = CARRIED.compensate(wrench, direction)
         left = math.inf
         if isinstance(self.model, Rotational):
             end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)
