@@ -130,7 +130,7 @@ class ConditionedProcess:
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid, a read-only view."""
-        view = self._mean.view()
+        view: np.ndarray = self._mean.view()
         view.setflags(write=False)
         return view
 
