@@ -194,8 +194,9 @@ class GraspSearch:
                     shares = np.arange(1, len(self._forces) + 1) / len(self._forces)
                     forces, waves = np.array(self._forces)[:, 1:], _shake(shares)
                     resistance = -2.0 * (forces * waves.T).mean(axis=0)
-                    self._go_on(bool(resistance.min() >= RESISTANCE), "held")
-                    if self.stage != "held":
+                    holds = bool(resistance.min() >= RESISTANCE)
+                    self._go_on(holds, "held")
+                    if not holds:
                         further = _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
                         deeper = np.array([self._spread * further, 0.0, 0.0])
                         self._again(observation, deeper)
