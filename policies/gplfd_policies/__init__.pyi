@@ -18,11 +18,13 @@ from gplfd_policies.movements.prior_mean import PriorMean as PriorMean
 from gplfd_policies.movements.skill import Skill as Skill
 from gplfd_policies.movements.skill import fit_skill as fit_skill
 from gplfd_policies.movements.skill import load_skill as load_skill
-from gplfd_policies.registry.catalogue import POLICIES as POLICIES
+from gplfd_policies.registry.built_in import POLICIES as POLICIES
 from gplfd_policies.registry.catalogue import load_policy as load_policy
 from gplfd_policies.registry.catalogue import make_agent as make_agent
 from gplfd_policies.registry.catalogue import policy_named as policy_named
+from gplfd_policies.registry.method import Learner as Learner
 from gplfd_policies.registry.method import Method as Method
+from gplfd_policies.registry.method import Pipeline as Pipeline
 from gplfd_policies.registry.method import Policy as Policy
 from gplfd_policies.registry.method import PolicyOrigin as PolicyOrigin
 from gplfd_policies.registry.method import TrainingInput as TrainingInput

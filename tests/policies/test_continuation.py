@@ -112,7 +112,7 @@ def test_a_prior_mean_is_stretched_over_the_longer_task():
     path = PosePath(phases=PHASES, poses=arc(0.4, 0.8))
     longer = replace(aligned(arc(0.4, 0.8)), end=1.0 / 1.6)
     movement = ResidualMovement(
-        aligned=longer, prior_mean=path, residual=EmpiricalDistribution(longer)
+        aligned=longer, prior_mean=path, residual=EmpiricalDistribution(aligned=longer)
     )
     at, step = np.array([0.1, 0.4, 0.6]), 1e-6
     assert_array_equal(movement.expected(at), path.mean(1.6 * at))

@@ -344,12 +344,12 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
 
 
 def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
-    trajectory = EmpiricalDistribution(aligned).predict(aligned.times)
+    trajectory = EmpiricalDistribution(aligned=aligned).predict(aligned.times)
     poses = aligned.poses
     assert_allclose(trajectory.mean, poses.mean(axis=0), atol=1e-14)
     assert_allclose(trajectory.std, poses.std(axis=0, ddof=1), atol=1e-14)
-    some = EmpiricalDistribution(aligned).predict(GRID)
+    some = EmpiricalDistribution(aligned=aligned).predict(GRID)
     curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
     assert_allclose(some.covariance[4], np.cov(np.array(curves).T), atol=1e-14)
-    single = EmpiricalDistribution(replace(aligned, poses=poses[:1], clocks=None))
+    single = EmpiricalDistribution(aligned=replace(aligned, poses=poses[:1], clocks=None))
     assert_array_equal(single.predict(GRID).std, 0.0)

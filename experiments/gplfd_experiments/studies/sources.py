@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd_experiments.episodes.task import PolicySource, Task
-from gplfd_policies.registry.catalogue import POLICIES, policy_named
+from gplfd_policies.registry.built_in import POLICIES
+from gplfd_policies.registry.catalogue import policy_named, split_name
 from gplfd_policies.registry.method import Policy
 
 LEARNING_LIMIT, STEP_LIMIT = 900.0, 60.0
@@ -163,7 +164,6 @@ class Choice:
     learns: bool
     """Whether it learns a movement."""
     accepts_prior_mean: bool
-    correctable: bool
     file: bytes
     """Content of the user's file; b"" for another policy."""
 
@@ -175,7 +175,7 @@ def chosen(name: str) -> Choice:
 
 @functools.cache
 def _chosen(name: str, folder: Path) -> Choice:
-    if name in POLICIES:
+    if split_name(name)[0] in POLICIES:
         return _choice(policy_named(name))
     try:
         choice: Choice | str = call_apart((name, folder), _found, name)
@@ -200,8 +200,7 @@ def _choice(policy: Policy) -> Choice:
     return Choice(
         source=source,
         learns=method is not None,
-        accepts_prior_mean=method is not None and method.accepts_prior_mean,
-        correctable=policy.correctable,
+        accepts_prior_mean=method is not None and method.learner.accepts_prior_mean,
         file=Path(policy.origin.file).read_bytes() if sent and policy.origin else b"",
     )
 

@@ -6,6 +6,7 @@ adapt to via-points.
 
 import csv
 import math
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -367,18 +368,17 @@ class MomentMovement(LearnedMovement, ABC):
         return GaussianTrajectory.from_moments(times, mean, std, covariance)
 
 
-class EmpiricalDistribution:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class EmpiricalDistribution(LearnedMovement):
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
-    For methods without uncertainty; between phases the demonstrations are interpolated.
+    Between phases the demonstrations are interpolated. It is the learner that every
+    other one has to beat, and stands in for methods without uncertainty.
     """
-
-    def __init__(self, aligned: AlignedDemonstrations) -> None:
-        self._aligned = aligned
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; constant beyond the demonstrations."""
-        phases, poses = self._aligned.times, self._aligned.poses
+        phases, poses = self.aligned.times, self.aligned.poses
         curves = np.stack([interpolated(times, phases, pose) for pose in poses])
         deviations = curves - curves.mean(axis=0)
         root = deviations / np.sqrt(max(len(poses) - 1, 1))
@@ -388,6 +388,53 @@ class EmpiricalDistribution:
             std=np.sqrt(np.sum(root**2, axis=0)),
             covariance_function=partial(np.einsum, "kmo,kno->omn", root, root),
         )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FittedMovement(LearnedMovement):
+    """What a user's learner has fitted, as a movement; made by `as_movement`."""
+
+    predictor: Any
+
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """The distribution at phases ``times``.
+
+        Raises:
+            ValueError: if the predictor returns neither a trajectory nor a mean and a
+                standard deviation of shape (M, 6).
+        """
+        prediction = self.predictor.predict(times)
+        if isinstance(prediction, GaussianTrajectory):
+            return prediction
+        try:
+            mean, std = (np.array(curves, dtype=float) for curves in prediction)
+        except (TypeError, ValueError):
+            mean = std = np.empty(0)
+        shape = (len(times), 6)
+        if mean.shape != shape or std.shape != shape or not np.isfinite(mean).all():
+            raise ValueError(
+                f"predict() of {type(self.predictor).__name__} must return a "
+                f"GaussianTrajectory, or mean and standard deviation of shape {shape}, "
+                f"with a finite mean; got {textwrap.shorten(repr(prediction), 80)}"
+            )
+        covariance = partial(white_covariance, std**2)
+        return GaussianTrajectory.from_moments(times, mean, std, covariance)
+
+
+def as_movement(fitted: object, aligned: AlignedDemonstrations) -> Movement:
+    """Return what a learner has fitted to demonstrations as a movement of them.
+
+    Raises:
+        ValueError: if it has no method ``predict``.
+    """
+    if isinstance(fitted, Movement):
+        return fitted
+    if not callable(getattr(fitted, "predict", None)):
+        raise ValueError(
+            f"fit() returned a {type(fitted).__name__}; it must return an object with "
+            "predict(phases)"
+        )
+    return FittedMovement(aligned=aligned, predictor=fitted)
 
 
 @runtime_checkable

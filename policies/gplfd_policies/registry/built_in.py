@@ -1,9 +1,13 @@
-"""The policies of this project by name, their settings, and spaces for tuning them.
+"""Learners, changes of their pipeline, policies, and spaces for tuning, by name.
+
+Every policy that learns a movement is a learner in a pipeline. The default pipeline is
+the same for all. ``name@published`` is a method as its authors published it,
+``name@no-size`` a learner in a pipeline without a part.
 
 Each method has a space of the settings that its authors would tune, with plausible
 limits, which ``benchmarks/tune.py`` searches. The best settings found are stored in
-``tuned.json`` and registered as ``<name>-tuned``. The controller is the same for all
-and not included, but for the resolution of its stiffness law.
+``tuned.json``; ``name@tuned`` is the published method with them. The controller is not
+included, but for the resolution of its stiffness law.
 """
 
 import json
@@ -16,10 +20,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from gplfd_env.validation.named import nearest_name
 from gplfd_policies.adaptation import OwnAdaptation
 from gplfd_policies.adaptation.process import ForceAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.agents.model_based.following import (
     ChordAgent,
     CompliantPullAgent,
@@ -28,7 +32,6 @@ from gplfd_policies.agents.model_based.following import (
 )
 from gplfd_policies.agents.model_based.mechanism import MechanismFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
-from gplfd_policies.agents.modes import ModeConfig
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
@@ -58,18 +61,119 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.phase.phase_rule import PathPhaseConfig
 from gplfd_policies.registry.method import (
+    Learner,
     Method,
+    Pipeline,
     Policy,
     TrainingInput,
-    add_correction,
     demonstrated_phase,
     path_phase,
     profile_of_spread,
 )
+
+
+def _sample_mean(aligned: AlignedDemonstrations) -> EmpiricalDistribution:
+    return EmpiricalDistribution(aligned=aligned)
+
+
+DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
+"""λ as published, and λ_c = N, with which the prior variance is that of the
+demonstrations; the published values are for letters in centimetres."""
+
+LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
+    {
+        "gp": Learner(
+            summary="heteroscedastic Gaussian process",
+            fit=fit_skill,
+            accepts_prior_mean=True,
+            adaptation=ProcessAdaptation,
+            force_adaptation=ForceAdaptation,
+        ),
+        "gp-homoscedastic": Learner(
+            summary="Gaussian process with one noise level for the whole motion",
+            fit=partial(fit_skill, noise="homoscedastic"),
+            accepts_prior_mean=True,
+            adaptation=ProcessAdaptation,
+            force_adaptation=ForceAdaptation,
+        ),
+        "gp-paper": Learner(
+            summary="the paper's Gaussian process (Kersting noise, product form)",
+            fit=partial(fit_skill, noise="kersting"),
+            accepts_prior_mean=True,
+            adaptation=partial(ProductAdaptation, prior_mean="zero"),
+        ),
+        "mean": Learner(
+            summary="sample mean and standard deviation of the demonstrations",
+            fit=_sample_mean,
+        ),
+        "dmp": Learner(
+            summary="dynamic movement primitive, with the demonstrations' spread",
+            fit=partial(fit_dmp, config=DMPConfig(spread=True)),
+        ),
+        "promp": Learner(
+            summary="probabilistic movement primitive",
+            fit=fit_promp,
+            adaptation=OwnAdaptation,
+        ),
+        "gmr": Learner(summary="Gaussian-mixture regression", fit=fit_gmr),
+        "tp-gmm": Learner(
+            summary="task-parameterised mixture, frames at handle and estimated hinge",
+            fit=fit_tp_gmm,
+            adaptation=OwnAdaptation,
+        ),
+        "local-gp": Learner(
+            summary="local Gaussian processes (reconstruction)",
+            fit=partial(fit_local_gp, config=LocalGPConfig()),
+            accepts_prior_mean=True,
+        ),
+        "wishart-gp": Learner(
+            summary="Gaussian process, Wishart-process covariance (reconstruction)",
+            fit=partial(fit_wishart_gp, config=WishartGPConfig()),
+            seeded=True,
+            accepts_prior_mean=True,
+        ),
+        "kmp": Learner(
+            summary="kernelised movement primitive, regularisation for doors",
+            fit=partial(fit_kmp, config=DOOR_KMP),
+            adaptation=OwnAdaptation,
+        ),
+        "gmm-gp": Learner(
+            summary="Gaussian process with a Gaussian-mixture prior",
+            fit=fit_gmm_gp,
+            adaptation=OwnAdaptation,
+        ),
+        "prodmp": Learner(
+            summary="probabilistic dynamic movement primitive",
+            fit=fit_prodmp,
+            adaptation=OwnAdaptation,
+        ),
+        "midigap": Learner(
+            summary="mixture of discrete-time Gaussian processes (reconstruction)",
+            fit=fit_midigap,
+            fit_forces=fit_promp,
+            adaptation=OwnAdaptation,
+        ),
+    }
+)
+"""The learners by name; by this name alone, each is in the default `Pipeline`."""
+
+TABLE_1: Final = (
+    *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
+    *("gp-paper", "gp"),
+)
+"""The methods of the paper's Table 1, the paper's own and ours."""
+
+ONE_SIZE: Final = PathPhaseConfig(
+    similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
+)
+"""Assumes that every door has the demonstrations' mean size."""
+
+UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
+"""Only critical damping: stable in free motion, but not in contact with a delay."""
 
 
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
@@ -80,90 +184,129 @@ def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstr
     )
 
 
-GP: Final = Method(
-    fit=fit_skill,
-    accepts_prior_mean=True,
-    beyond=0.5,
-    adaptation=ProcessAdaptation,
-    door_adaptation=SimilarityAdaptation,
-    force_adaptation=ForceAdaptation,
-    modes=ModeConfig(),
-    correct=add_correction,
-)
-"""The method of this project; each ablation differs from it in one field."""
-
-PAPER: Final = Method(
-    fit=partial(fit_skill, noise="kersting"),
-    accepts_prior_mean=True,
-    # DTW on the raw completion index of the whole recording.
-    align=partial(align, method="dtw", denoise=False, trim_rests=False),
-    adaptation=partial(ProductAdaptation, prior_mean="zero"),
-    # Where the paper gives no details, ours are used: the phase of an observation and
-    # its via-point noise (with the clock time, no door opens), and the governor.
-    profile=PAPER_PROFILE,
-    config=ComplianceConfig(
-        load=YieldToAll(),
-        dynamics=PAPER_DYNAMICS,
-        stiffness_frame="axes",
-        max_turn_lead=1.0,
-    ),
-)
-"""The method as the paper states it."""
-
-UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
-"""Only critical damping: stable in free motion, but not in contact with a delay."""
-
-DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
-"""λ as published, and λ_c = N, with which the prior variance is that of the
-demonstrations; the published values are for letters in centimetres."""
-
-ONE_SIZE: Final = PathPhaseConfig(
-    similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
-)
-"""Assumes that every door has the demonstrations' mean size."""
-
-TABLE_1: Final = (
-    *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
-    *("gp-paper", "gp"),
-)
-"""The methods of the paper's Table 1, the paper's own and ours."""
-
-
 def _motion_only(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
     """Align demonstrations and leave out their forces."""
     return replace(align(demonstrations), wrenches=None)
 
 
-def _ablation(summary: str, **changes: Any) -> Policy:
-    """Return `GP` with other fields."""
-    return Policy(summary=summary, make=replace(GP, **changes), kind="ablation")
+def _constant(translation: float) -> StiffnessProfile:
+    """Return a constant stiffness [N/m], in rotation a tenth of it [N m/rad]."""
+    constant = np.repeat([translation, 0.1 * translation], 3)
+    return replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
 
 
-def _constant(translation: int, end: str) -> Policy:
-    """Return `GP` with constant stiffness [N/m], in rotation a tenth [N m/rad]."""
-    constant = np.repeat([float(translation), 0.1 * translation], 3)
-    return _ablation(
-        f"gp with constant stiffness of {translation} N/m (its {end})",
-        profile=replace(DEFAULT_PROFILE, k_min=constant, k_max=constant),
-    )
+class Part(NamedTuple):
+    """A change of the pipeline, by the fields that it replaces."""
+
+    summary: str
+    pipeline: Mapping[str, Any] = {}
+    config: Mapping[str, Any] = {}
+    """Fields of `Pipeline.config`."""
 
 
-def _method(
-    summary: str,
-    fit: Callable[..., Movement],
-    *,
-    resolution: float | None = None,
-    **fields: Any,
-) -> Policy:
-    """Return a method; its stiffness law may have another resolution than gp's [m].
+PARTS: Final[Mapping[str, Part]] = MappingProxyType(
+    {
+        "no-continuation": Part("stops where demonstrations end", {"beyond": 0.0}),
+        "no-modes": Part("learns demonstrations of all kinds as one", {"modes": None}),
+        "no-size": Part(
+            "infers no size: the learner's own adaptation", {"size_inference": None}
+        ),
+        "no-adaptation": Part("follows what was learned", {"adapts": False}),
+        "one-size": Part(
+            "takes every path to be of the demonstrations' mean size",
+            {"phases": partial(path_phase, config=ONE_SIZE)},
+        ),
+        "no-rotation": Part(
+            "learns positions only (constant orientation)", {"align": _positions_alone}
+        ),
+        "no-forces": Part("learns no forces", {"align": _motion_only}),
+        "carried-load": Part(
+            "compensates loads of up to 25 N along the path",
+            config={"load": CarriedLoad()},
+        ),
+        "undamped": Part(
+            "without the additional damping for contact", config={"dynamics": UNDAMPED}
+        ),
+        "impedance": Part(
+            "stiffness is realised by the arm's impedance control",
+            config={
+                "rendering": ArmRendering,
+                "dynamics": ARM_DYNAMICS,
+                "stiffness_frame": "axes",
+            },
+        ),
+        "stiffness-from-force": Part(
+            "soft along the demonstrated force, stiff across it",
+            {"phase_stiffness": stiffness_from_force},
+        ),
+        "constant-100": Part(
+            "constant stiffness of 100 N/m (the minimum)", {"profile": _constant(100.0)}
+        ),
+        "constant-500": Part(
+            "constant stiffness of 500 N/m (the maximum)", {"profile": _constant(500.0)}
+        ),
+    }
+)
+"""Changes of the default pipeline by name, each of one part."""
 
-    The resolutions of all methods were chosen by one criterion and budget, see
-    "The resolution of the stiffness law" in docs/comparison.md.
+
+def _published(resolution: float | None = None, **fields: Any) -> Pipeline:
+    """Return the pipeline in which a method of others was published: few parts.
+
+    The resolutions of the stiffness law [m] were chosen by one criterion and budget,
+    see "The resolution of the stiffness law" in docs/comparison.md.
     """
     if resolution is not None:
         profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
         fields["profile"] = profile
-    return Policy(summary=summary, make=Method(fit=fit, **fields))
+    return Pipeline(beyond=0.0, modes=None, size_inference=None, **fields)
+
+
+PUBLISHED: Final[Mapping[str, Method]] = MappingProxyType(
+    {name: Method(learner=LEARNERS[name]) for name in ("gp", "gp-homoscedastic")}
+    | {
+        name: Method(learner=LEARNERS[name], pipeline=_published(resolution))
+        for name, resolution in {
+            "mean": None,
+            "promp": 3e-4,
+            "gmr": None,
+            "tp-gmm": 3e-3,
+            "local-gp": 3e-3,
+            "wishart-gp": 3e-3,
+            "gmm-gp": 3e-3,
+            "prodmp": None,
+            "midigap": 3e-4,
+        }.items()
+    }
+    | {
+        "dmp": Method(
+            learner=replace(LEARNERS["dmp"], fit=fit_dmp),
+            # Without uncertainty: the phase needs that of the demonstrations.
+            pipeline=_published(phases=demonstrated_phase),
+        ),
+        "kmp": Method(
+            learner=replace(LEARNERS["kmp"], fit=fit_kmp), pipeline=_published()
+        ),
+        "gp-paper": Method(
+            learner=LEARNERS["gp-paper"],
+            pipeline=_published(
+                # DTW on the raw completion index of the whole recording.
+                align=partial(align, method="dtw", denoise=False, trim_rests=False),
+                # Where the paper gives no details, ours are used: the phase of an
+                # observation and its via-point noise (with the clock time, no door
+                # opens), and the governor.
+                profile=PAPER_PROFILE,
+                config=ComplianceConfig(
+                    load=YieldToAll(),
+                    dynamics=PAPER_DYNAMICS,
+                    stiffness_frame="axes",
+                    max_turn_lead=1.0,
+                ),
+            ),
+        ),
+    }
+)
+"""Each learner as its authors published it, `gp` as this project does."""
 
 
 def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
@@ -177,132 +320,12 @@ def _model_based(
     return Policy(summary=summary, make=make, kind="reference", told=told)
 
 
-AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
+POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
-        "gp": Policy(
-            summary="heteroscedastic GP with online adaptation and variable stiffness",
-            make=GP,
-        ),
-        "gp-process": _ablation(
-            "gp whose forecast infers no size: outputs deviate as demonstrated",
-            door_adaptation=None,
-        ),
-        "gp-fixed": _ablation(
-            "gp without adaptation (follows the mean of the demonstrations)",
-            adaptation=None,
-            door_adaptation=None,
-            force_adaptation=None,
-        ),
-        "gp-homoscedastic": _ablation(
-            "gp with one noise level for the whole motion (homoscedastic)",
-            fit=partial(fit_skill, noise="homoscedastic"),
-        ),
-        "gp-one-size": _ablation(
-            "gp that assumes the demonstrations' mean size for every path",
-            phases=partial(path_phase, config=ONE_SIZE),
-        ),
-        "gp-position-only": _ablation(
-            "gp that learns positions only (constant orientation)",
-            align=_positions_alone,
-        ),
-        "gp-carried-load": _ablation(
-            "gp that compensates loads of up to 25 N along the path",
-            config=ComplianceConfig(load=CarriedLoad()),
-        ),
-        "gp-undamped": _ablation(
-            "gp without the additional damping for contact",
-            config=ComplianceConfig(dynamics=UNDAMPED),
-        ),
-        "gp-without-forces": _ablation(
-            "gp without learning of the demonstrated forces", align=_motion_only
-        ),
-        "gp-one-mode": _ablation(
-            "gp that learns demonstrations of all kinds as one", modes=None
-        ),
-        "gp-within-demonstrations": _ablation(
-            "gp that stops where the demonstrations end", beyond=0.0
-        ),
-        "gp-paper": Policy(
-            summary="the paper's method (Kersting noise, product of Gaussians)",
-            make=PAPER,
-        ),
-        "gp-constant-100": _constant(100, "minimum"),
-        "gp-constant-500": _constant(500, "maximum"),
-        "gp-impedance": Policy(
-            summary="gp with stiffness realised by the arm's impedance control",
-            make=replace(
-                GP,
-                config=ComplianceConfig(
-                    rendering=ArmRendering,
-                    dynamics=ARM_DYNAMICS,
-                    stiffness_frame="axes",
-                ),
-            ),
-        ),
-        "stiffness-from-force": Policy(
-            summary="gp's motion; soft along the demonstrated force, stiff across it",
-            make=replace(GP, phase_stiffness=stiffness_from_force),
-        ),
-        "dmp": _method(
-            "dynamic movement primitive; no uncertainty, no via-points",
-            fit_dmp,
-            phases=demonstrated_phase,
-        ),
-        "promp": _method(
-            "probabilistic movement primitive with online conditioning",
-            fit_promp,
-            adaptation=OwnAdaptation,
-            resolution=3e-4,
-        ),
-        "gmr": _method("Gaussian-mixture regression; no via-points", fit_gmr),
-        "tp-gmm": _method(
-            "task-parameterised mixture, frames at handle and estimated hinge",
-            fit_tp_gmm,
-            adaptation=OwnAdaptation,
-            resolution=3e-3,
-        ),
-        "local-gp": _method(
-            "local Gaussian processes (reconstruction); no via-points",
-            partial(fit_local_gp, config=LocalGPConfig()),
-            accepts_prior_mean=True,
-            resolution=3e-3,
-        ),
-        "wishart-gp": _method(
-            "GP, Wishart-process covariance (reconstruction); no via-points",
-            partial(fit_wishart_gp, config=WishartGPConfig()),
-            seeded=True,
-            accepts_prior_mean=True,
-            resolution=3e-3,
-        ),
-        "kmp": _method(
-            "kernelised movement primitive, regularisation tuned for doors",
-            partial(fit_kmp, config=DOOR_KMP),
-            adaptation=OwnAdaptation,
-            resolution=1e-3,
-        ),
-        "kmp-published": _method(
-            "kernelised movement primitive with the published regularisation",
-            fit_kmp,
-            adaptation=OwnAdaptation,
-        ),
-        "gmm-gp": _method(
-            "GP with a Gaussian-mixture prior and online conditioning",
-            fit_gmm_gp,
-            adaptation=OwnAdaptation,
-            resolution=3e-3,
-        ),
-        "prodmp": _method(
-            "probabilistic dynamic movement primitive with online conditioning",
-            fit_prodmp,
-            adaptation=OwnAdaptation,
-        ),
-        "midigap": _method(
-            "mixture of discrete-time Gaussian processes (reconstruction); modes",
-            fit_midigap,
-            fit_forces=fit_promp,
-            adaptation=OwnAdaptation,
-            resolution=3e-4,
-        ),
+        name: Policy(summary=learner.summary, make=Method(learner=learner))
+        for name, learner in LEARNERS.items()
+    }
+    | {
         "hinge-fit": _model_based(
             HingeFitAgent, "estimates the hinge from the hand's path; compliant"
         ),
@@ -326,7 +349,49 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
     }
 )
-"""Policies with the settings in their entries."""
+"""Built-in policies: every learner in the default pipeline, and model-based ones."""
+
+
+def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
+    """Return a policy whose learner is in another pipeline.
+
+    Args:
+        name: Name of the policy.
+        policy: The policy in the default pipeline.
+        pipeline: "published", "tuned", or names of `PARTS` joined by "+".
+
+    Raises:
+        ValueError: The policy has no learner, or not this pipeline.
+    """
+    method = policy.method
+    if method is None:
+        raise ValueError(
+            f"{name}@{pipeline}: {name} has no learner, so it has no pipeline to change"
+        )
+    if pipeline == "published" and name in PUBLISHED:
+        return replace(
+            policy, summary=f"{policy.summary}; as published", make=PUBLISHED[name]
+        )
+    if pipeline == "tuned" and name in tuned_settings():
+        return tuned(name, tuned_settings()[name], SPACES[name].resolution)
+    changed, summary = method.pipeline, [policy.summary]
+    for part in pipeline.split("+"):
+        if part not in PARTS:
+            ways = ["published"] * (name in PUBLISHED) + ["tuned"] * (name in SPACES)
+            raise ValueError(
+                f"{name}@{pipeline}: unknown pipeline {part!r}"
+                f"{nearest_name(part, [*ways, *PARTS])}; there are "
+                f"{', '.join([*ways, *PARTS])}; parts may be joined by +"
+            )
+        config = replace(changed.config, **PARTS[part].config)
+        changed = replace(changed, config=config, **PARTS[part].pipeline)
+        summary.append(PARTS[part].summary)
+    return replace(
+        policy,
+        summary="; ".join(summary),
+        make=replace(method, pipeline=changed),
+        kind="ablation",
+    )
 
 
 Value = bool | int | float
@@ -467,7 +532,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
 
 
 def tuned_settings() -> Mapping[str, Values]:
-    """Return the settings found by tuning, by the name of the tuned policy."""
+    """Return the settings found by tuning, by learner."""
     file = Path(__file__).with_name("tuned.json")
     policies = json.loads(file.read_text(encoding="utf-8"))["policies"]
     return {
@@ -476,21 +541,22 @@ def tuned_settings() -> Mapping[str, Values]:
 
 
 def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
-    """Return a policy of `SPACES` with other settings; the resolution is in metres."""
-    space, method = SPACES[name], AS_PUBLISHED[name].method
-    assert method is not None, "spaces are those of methods"
-    settings, changes = dict(values), dict[str, Any]()
+    """Return a published method with other settings; the resolution is in metres."""
+    space, method = SPACES[name], PUBLISHED[name]
+    settings, pipeline = dict(values), method.pipeline
     if "via_std_factor" in settings:
         factor = settings.pop("via_std_factor")
-        position, rotation = method.config.via_std
+        position, rotation = pipeline.config.via_std
         via_std = (factor * position, factor * rotation)
-        changes["config"] = replace(method.config, via_std=via_std)
-    if not isinstance(method.profile, StiffnessProfile):
+        config = replace(pipeline.config, via_std=via_std)
+        pipeline = replace(pipeline, config=config)
+    if not isinstance(pipeline.profile, StiffnessProfile):
         profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-        changes["profile"] = profile
-    fit = partial(method.fit, **{space.argument: space.config(**settings)})
+        pipeline = replace(pipeline, profile=profile)
+    learner = method.learner
+    fit = partial(learner.fit, **{space.argument: space.config(**settings)})
     text = ", ".join(f"{setting} {value}" for setting, value in values.items())
     return Policy(
         summary=f"{name}, tuned: {text.replace('_', ' ')}",
-        make=replace(method, fit=fit, **changes),
+        make=Method(learner=replace(learner, fit=fit), pipeline=pipeline),
     )

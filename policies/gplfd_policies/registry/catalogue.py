@@ -1,7 +1,8 @@
 """All policies by name, their agents, and the skills that they can follow.
 
-A user's policy is an attribute: a function from `gplfd_policies.TrainingInput` to an
-agent, a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
+A user's policy is an attribute: a `gplfd_policies.Learner`, which gets the whole
+pipeline, a function from `gplfd_policies.TrainingInput` to an agent, a
+`gplfd_policies.Method` or a `gplfd_policies.Policy`.
 
 * ``module:attribute`` or ``path/to/file.py:attribute`` names it in a user's file. Only
   during the import, the file's folder is first on Python's path.
@@ -23,19 +24,25 @@ import operator
 import os
 import sys
 import traceback
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any, Final
 
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
-from gplfd_policies.registry.built_in import AS_PUBLISHED, SPACES, tuned, tuned_settings
-from gplfd_policies.registry.method import Method, Policy, PolicyOrigin, TrainingInput
+from gplfd_policies.registry.built_in import POLICIES, in_pipeline
+from gplfd_policies.registry.method import (
+    Learner,
+    Method,
+    Policy,
+    PolicyOrigin,
+    TrainingInput,
+)
 
 _OURS: Final = frozenset({"experiments", "gplfd_env", "policies"})
 """Packages in a checkout that do not belong to a user's module."""
@@ -119,7 +126,7 @@ def place_in_source(origin: PolicyOrigin, error: BaseException) -> str:
     """Return file, line and function of an error in a policy's files, or ""."""
     files: Sequence[Path] = (Path(origin.file),)
     if origin.kind == "module":
-        module, folder, _ = _place(origin.name, Path(origin.folder))
+        module, folder, _ = _place(split_name(origin.name)[0], Path(origin.folder))
         files = _module_files(module, folder) or files
     return _place_in(files, error)
 
@@ -188,10 +195,12 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
         ) from None
     if isinstance(candidate, Policy):
         return candidate
+    if isinstance(candidate, Learner):
+        return Policy(summary=candidate.summary, make=Method(learner=candidate))
     if not callable(candidate):
         raise ValueError(
             f"{attribute} of {where} is a {type(candidate).__name__}; it must be a "
-            "function from TrainingInput to an agent, a Method or a Policy"
+            "Learner, a Method, a Policy, or a function from TrainingInput to an agent"
         )
     try:
         inspect.signature(candidate).bind("training input")
@@ -299,8 +308,9 @@ def make_agent(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
     policy = policy_named(name)
-    takes = policy.method is not None and policy.method.accepts_prior_mean
-    if prior_mean is not None and name in POLICIES and not takes:
+    built_in = policy.origin is not None and policy.origin.kind == "built-in"
+    takes = policy.method is not None and policy.method.learner.accepts_prior_mean
+    if prior_mean is not None and built_in and not takes:
         raise ValueError(
             f"{name} does not accept a prior mean; another, such as gp, does"
         )
@@ -313,12 +323,20 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     Args:
         name: A key of `POLICIES`; a name that an installed package offers in the
             entry-point group ``gplfd_policies``; or ``module:attribute`` or
-            ``path/to/file.py:attribute``.
+            ``path/to/file.py:attribute``. After an @ follows another pipeline than the
+            default one, as in ``gp@no-size`` (`built_in.in_pipeline`).
         folder: Folder that is searched first; by default the working folder.
 
     Raises:
-        ValueError: An unknown name, or a module or package that cannot be used.
+        ValueError: An unknown name, a module or package that cannot be used, or a
+            pipeline that is unknown.
     """
+    name, pipeline = split_name(name)
+    if pipeline:
+        policy = policy_named(name, folder)
+        changed, origin = in_pipeline(name, policy, pipeline), policy.origin
+        assert origin is not None, "every named policy has one"
+        return replace(changed, origin=replace(origin, name=f"{name}@{pipeline}"))
     if name in POLICIES:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
     if ":" in name:
@@ -337,6 +355,14 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     )
 
 
+def split_name(policy: str) -> tuple[str, str]:
+    """Return the name of a policy without its pipeline, and the pipeline or ""."""
+    name, _, pipeline = policy.rpartition("@")
+    if not name or {"/", ":"} & set(pipeline):  # part of a file's path
+        return policy, ""
+    return name, pipeline
+
+
 def load_policy(origin: PolicyOrigin) -> Policy:
     """Find the policy of an origin again, in another process or on another day.
 
@@ -353,33 +379,24 @@ def load_policy(origin: PolicyOrigin) -> Policy:
     return policy
 
 
-POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
-    dict(AS_PUBLISHED)
-    | {
-        f"{name}-tuned": tuned(name, values, SPACES[name].resolution)
-        for name, values in tuned_settings().items()
-    }
-)
-"""The built-in policies: as published, and as tuning found them."""
-
-
 def skill_method(policy: str) -> Method:
     """Return the method of a policy that learns and follows skills."""
     method = policy_named(policy).method
-    fit = getattr(method, "fit", None)
-    if method is not None and getattr(fit, "func", fit) is fit_skill:
-        return method
+    if method is not None:
+        fit = method.learner.fit
+        if getattr(fit, "func", fit) is fit_skill:
+            return method
     raise ValueError(
         f"policy {policy!r} learns no skill that a file can contain; choose gp, "
-        "gp-paper or an ablation of gp"
+        "gp-paper or gp-homoscedastic"
     )
 
 
 def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
     """Return the method of a policy, and the skill of a file that it can follow."""
     method, skill = skill_method(policy), load_skill(file)
-    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        continues = method.beyond > 0.0
+    continues = method.pipeline.beyond > 0.0
+    if continues != (skill.aligned.end < 1.0):
         raise ValueError(
             f"policy {policy!r} {'goes on' if continues else 'ends'} where "
             f"demonstrations end, and the skill in {file} does not; learn it again with"

@@ -1,4 +1,4 @@
-"""Policies, and methods: how a movement is learned, adapted and followed."""
+"""Policies: a learner in a pipeline, or any function that makes an agent."""
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -11,6 +11,7 @@ import numpy as np
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.records import interpolated
@@ -40,6 +41,8 @@ from gplfd_policies.movements.movement import (
     EmpiricalDistribution,
     LearnedMovement,
     Movement,
+    Predictor,
+    as_movement,
 )
 from gplfd_policies.movements.prior_mean import PriorMean, fit_residual
 from gplfd_policies.movements.skill import Skill
@@ -80,7 +83,7 @@ def path_phase(movement: Movement, config: PathPhaseConfig | None = None) -> Pha
 
 def demonstrated_phase(movement: Movement) -> PhaseRule:
     """Return a rule that uses the demonstrations' mean and spread instead."""
-    demonstrated = EmpiricalDistribution(movement.aligned)
+    demonstrated = EmpiricalDistribution(aligned=movement.aligned)
     return PathPhase(demonstrated, movement.aligned, PathPhaseConfig())
 
 
@@ -105,31 +108,45 @@ def profile_of_spread(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Method:
-    """Definition of a method; calling it learns from demonstrations and makes an agent.
+class Learner:
+    """A learning method: how a movement is learned, and how it adapts by itself.
 
-    A method can be pickled if its functions can be pickled: make variants with
-    `dataclasses.replace` and `functools.partial`.
+    It can be pickled if its functions can be: make variants with `dataclasses.replace`
+    and `functools.partial`.
     """
 
-    fit: Callable[..., Movement]
-    """Learns a movement from `AlignedDemonstrations`."""
-    fit_forces: Callable[..., Movement] | None = None
+    fit: Callable[..., Predictor]
+    """Learns from `AlignedDemonstrations`. What it returns has ``predict(phases)``, as
+    in `Predictor`, or with mean and standard deviation [m, rad], each (M, 6)."""
+    summary: str = "a learner of a user"
+    """One line for people."""
+    fit_forces: Callable[..., Predictor] | None = None
     """Learns forces, if `fit` is only for poses; None to use `fit`."""
     seeded: bool = False
     """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
     accepts_prior_mean: bool = False
     """Whether `fit` also takes ``centred=False``, for a prior mean of zero."""
-    align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
-    """Aligns demonstrations to common phases."""
-    beyond: float = 0.0
-    """Length of the continuation beyond the end, as a share of the path; 0 for none."""
     adaptation: AdaptationForm | None = None
-    """Form of adaptation to via-points; None for a method without adaptation."""
-    door_adaptation: AdaptationForm | None = None
-    """That of agents at doors, whose paths differ in size; None for `adaptation`."""
+    """Its own form of adaptation to via-points; None if it has none."""
     force_adaptation: AdaptationForm | None = None
     """That of the expected force to measured forces; None for `adaptation`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pipeline:
+    """What surrounds a learner: no part of it needs a particular one."""
+
+    align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
+    """Aligns demonstrations to common phases."""
+    beyond: float = 0.5
+    """Length of the continuation beyond the end, as a share of the path; 0 for none."""
+    modes: ModeConfig | None = field(default_factory=ModeConfig)
+    """Criteria for abandoning a mode; None to learn all demonstrations as one."""
+    adapts: bool = True
+    """Whether poses and forces that the agent observes change its forecast."""
+    size_inference: AdaptationForm | None = SimilarityAdaptation
+    """Form of adaptation that infers size and heading of the door's path from poses;
+    None for the learner's own form."""
     phases: Callable[[Movement], PhaseRule] = path_phase
     """Makes the rule by which an agent estimates the phase of the hand."""
     profile: StiffnessProfile | Callable[[AlignedDemonstrations], StiffnessProfile] = (
@@ -142,14 +159,29 @@ class Method:
     """Gives a stiffness from demonstrated forces, such as `stiffness_from_force`."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
-    modes: ModeConfig | None = None
-    """Criteria for abandoning a mode; None to learn all demonstrations as one."""
-    correct: Callable[["Method", Movement, Correction], Movement] | None = None
-    """Learns a movement from a correction, such as `add_correction`; None if not."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
-            raise ValueError("give the profile as Method(profile=...), not in config")
+            raise ValueError("give the profile as Pipeline(profile=...), not in config")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """A learner in a pipeline; calling it learns and makes an agent."""
+
+    learner: Learner
+    pipeline: Pipeline = field(default_factory=Pipeline)
+
+    @property
+    def adaptation(self) -> AdaptationForm | None:
+        """The learner's form of adaptation; None if the method does not adapt."""
+        return self.learner.adaptation if self.pipeline.adapts else None
+
+    @property
+    def force_adaptation(self) -> AdaptationForm | None:
+        """The form of adaptation of the expected force; None without."""
+        form = self.learner.force_adaptation or self.learner.adaptation
+        return form if self.pipeline.adapts else None
 
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
@@ -158,26 +190,34 @@ class Method:
 
         Raises:
             ValueError: There are no demonstrations, or a prior mean is given and the
-                method does not accept one.
+                learner does not accept one.
         """
-        prior_mean = training.prior_mean
-        if prior_mean is not None and not self.accepts_prior_mean:
+        prior_mean, learner = training.prior_mean, self.learner
+        if prior_mean is not None and not learner.accepts_prior_mean:
             raise ValueError("this method does not accept a prior mean")
         if not training.demonstrations:
             raise ValueError("no demonstrations were given; at least one is needed")
-        aligned = continued(self.align(training.demonstrations), self.beyond)
-        fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
+        pipeline = self.pipeline
+        aligned = continued(pipeline.align(training.demonstrations), pipeline.beyond)
+        fit = (
+            partial(learner.fit, seed=training.seed) if learner.seeded else learner.fit
+        )
         if prior_mean is None:
-            movement = fit(aligned)
+            movement = as_movement(fit(aligned), aligned)
         else:
-            movement = fit_residual(aligned, prior_mean, partial(fit, centred=False))
+
+            def fit_rest(rest: AlignedDemonstrations) -> Movement:
+                return as_movement(fit(rest, centred=False), rest)
+
+            movement = fit_residual(aligned, prior_mean, fit_rest)
         forces = aligned.forces
         if forces is None or not isinstance(movement, LearnedMovement):
             return movement
         with warnings.catch_warnings():
             # Learning of the motion has already warned about too few demonstrations.
             warnings.simplefilter("ignore", UserWarning)
-            return replace(movement, forces=(self.fit_forces or fit)(forces))
+            learned = as_movement((learner.fit_forces or fit)(forces), forces)
+        return replace(movement, forces=learned)
 
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
         """Learn a movement of every mode of the demonstrations, the largest mode first.
@@ -186,25 +226,17 @@ class Method:
         """
         demonstrations = training.demonstrations
         modes: tuple[tuple[int, ...], ...] = (tuple(range(len(demonstrations))),)
-        if self.modes is not None and len(demonstrations) > 1:
+        if self.pipeline.modes is not None and len(demonstrations) > 1:
             with warnings.catch_warnings():
                 # Learning aligns them again and then warns.
                 warnings.simplefilter("ignore", UserWarning)
-                modes = partition(self.align(demonstrations))
+                modes = partition(self.pipeline.align(demonstrations))
         learned = []
         for numbers in modes:
             members = [demonstrations[number] for number in numbers]
             movement = self.learn(replace(training, demonstrations=members))
             learned.append(LearnedMode(numbers, movement))
         return tuple(learned)
-
-    def update(self, movement: Movement, correction: Correction) -> Movement:
-        """Return another movement, which has learned from a correction."""
-        if self.correct is None:
-            raise ValueError(
-                "this policy cannot be corrected: its Method has no `correct`"
-            )
-        return self.correct(self, movement, correction)
 
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement at doors, as others may.
@@ -214,20 +246,22 @@ class Method:
                 handle, are not in metres, or lack necessary wrenches.
         """
         _check_starts(movement.aligned.demonstrated.poses)
-        profile, learned = self.profile, self.phase_stiffness
+        pipeline = self.pipeline
+        profile, learned = pipeline.profile, pipeline.phase_stiffness
         if not isinstance(profile, StiffnessProfile):
             profile = profile(movement.aligned)
         stiffness = learned and learned(movement, profile)
         forces = None
         if isinstance(movement, LearnedMovement) and movement.forces is not None:
             # A single demonstration does not show how repetitions differ.
-            form = self.force_adaptation or self.adaptation
             alone = len(movement.forces.aligned.poses) < 2
-            forces = GriddedMovement(movement.forces, None if alone else form, _GRID)
+            form = None if alone else self.force_adaptation
+            forces = GriddedMovement(movement.forces, form, _GRID)
+        inference = pipeline.size_inference if pipeline.adapts else None
         return CompliantAgent(
-            GriddedMovement(movement, self.door_adaptation or self.adaptation, _GRID),
-            phases=self.phases(movement),
-            config=replace(self.config, profile=profile, phase_stiffness=stiffness),
+            GriddedMovement(movement, inference or self.adaptation, _GRID),
+            phases=pipeline.phases(movement),
+            config=replace(pipeline.config, profile=profile, phase_stiffness=stiffness),
             forces=forces,
         )
 
@@ -239,9 +273,10 @@ class Method:
         Raises the same errors as `follow`.
         """
         agents = [self.follow(mode.movement) for mode in modes]
-        if self.modes is None or len(agents) == 1:
+        if self.pipeline.modes is None or len(agents) == 1:
             return agents[0]
-        return ModesAgent(agents, [len(mode.numbers) for mode in modes], self.modes)
+        counts = [len(mode.numbers) for mode in modes]
+        return ModesAgent(agents, counts, self.pipeline.modes)
 
     def open_loop(self, period: float) -> "Method":
         """Return the method without measurements, whose commands a file can contain.
@@ -250,13 +285,13 @@ class Method:
         command per period [s]. The arm itself renders the stiffness, along the axes of
         the task frame.
         """
-        if self.phase_stiffness is not None:
+        if self.pipeline.phase_stiffness is not None:
             raise ValueError(
                 "this policy has a stiffness along the path, which numbers along fixed "
                 "axes cannot express; choose another, such as gp"
             )
         config = replace(
-            self.config,
+            self.pipeline.config,
             load=YieldToAll(),
             rendering=ArmRendering,
             dynamics=ARM_DYNAMICS,
@@ -264,20 +299,58 @@ class Method:
             control_period=period,
             via_spacing=2.0,  # longer than the task: no via-points
         )
-        return replace(
-            self,
-            adaptation=None,
-            door_adaptation=None,
-            force_adaptation=None,
-            modes=None,
-            phases=clock_phase,
-            config=config,
+        pipeline = replace(
+            self.pipeline, adapts=False, modes=None, phases=clock_phase, config=config
         )
+        return replace(self, pipeline=pipeline)
 
     def __call__(self, training: TrainingInput) -> CompliantAgent | ModesAgent:
         """Learn a movement and return an agent that follows it at doors."""
         _check_starts(demonstration.poses for demonstration in training.demonstrations)
         return self.follow_modes(self.learn_modes(training))
+
+    def update(self, movement: Movement, correction: Correction) -> Movement:
+        """Learn again from a movement's demonstrations and a completed correction."""
+        whole = self.completed(movement, correction)
+        demonstrations = (*as_demonstrations(movement.aligned), whole)
+        with warnings.catch_warnings():
+            # The first learning has already warned about the demonstrations.
+            warnings.simplefilter("ignore", UserWarning)
+            learned = self.learn(TrainingInput(demonstrations=demonstrations))
+        if isinstance(movement, Skill) and isinstance(learned, Skill):
+            return replace(learned, corrections=(*movement.corrections, correction))
+        return learned
+
+    def completed(self, movement: Movement, correction: Correction) -> Demonstration:
+        """Return the motion of a correction, continued by the expected movement.
+
+        A whole motion becomes a demonstration, because a permanent via-point would bend
+        the movement at all doors. The movement observes the motion as in an episode: it
+        is conditioned on via-points at the estimated phases of the hand, with the noise
+        of the led hand. If the motion ends before the demonstrations, the conditioned
+        mean follows, displaced to begin at the last pose, with the last wrench.
+        """
+        config = replace(self.pipeline.config, via_std=correction.std)
+        following = replace(self, pipeline=replace(self.pipeline, config=config))
+        agent = following.follow(movement)
+        motion, phase = correction.motion, 0.0
+        felt = motion.wrenches
+        wrenches = np.zeros_like(motion.poses) if felt is None else -felt
+        agent.reset({"ee_pose": motion.poses[0]})
+        for pose, wrench in zip(motion.poses, wrenches, strict=True):
+            step = agent.act({"ee_pose": pose, "wrench": wrench})
+            phase = float(step.observed_phase)
+        expected, end = agent.forecast(), movement.aligned.end
+        after = (expected.times > phase) & (expected.times <= end)
+        last = interpolated(np.array([phase]), expected.times, expected.mean)
+        later = movement.duration * (expected.times[after] - phase)
+        rest = expected.mean[after] + (motion.poses[-1] - last)
+        whole = np.vstack([motion.poses, rest])
+        whole[:, 3:] = unwrap_rotvecs(whole[:, 3:])
+        if felt is not None:
+            felt = np.vstack([felt, np.repeat(felt[-1:], len(later), axis=0)])
+        times = np.concatenate([motion.times, motion.times[-1] + later])
+        return Demonstration(times=times, poses=whole, wrenches=felt)
 
 
 class LearnedMode(NamedTuple):
@@ -325,8 +398,8 @@ class Policy:
     """A `Method`, or any function that learns from the training input and returns an
     agent, or an object that `gplfd_policies.as_agent` accepts."""
     kind: Literal["method", "ablation", "reference"] = "method"
-    """A method; a method with one part removed or replaced; or a model-based policy,
-    which does not learn and is used for comparison."""
+    """A learner in the default pipeline, or as published; in a pipeline of which parts
+    are changed; or a model-based policy, which does not learn from demonstrations."""
     told: bool = False
     """Whether its agents need the true door, by `Agent.inform`."""
     origin: PolicyOrigin | None = None
@@ -336,11 +409,6 @@ class Policy:
     def method(self) -> Method | None:
         """The method, or None if agents do not follow a learned movement."""
         return self.make if isinstance(self.make, Method) else None
-
-    @property
-    def correctable(self) -> bool:
-        """Whether the policy learns from corrections."""
-        return self.method is not None and self.method.correct is not None
 
 
 def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
@@ -360,52 +428,6 @@ def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:
                 "pull, y up); use demonstration.relative_to_first() if its first pose "
                 "has these axes, or gplfd demos import --frame hinge"
             )
-
-
-def add_correction(method: Method, movement: Movement, correction: Correction) -> Skill:
-    """Learn again from a skill's demonstrations and a completed correction."""
-    if not isinstance(movement, Skill):
-        raise ValueError(
-            f"corrections are added to a Skill, got a {type(movement).__name__}"
-        )
-    whole = completed(method, movement, correction)
-    demonstrations = (*as_demonstrations(movement.aligned), whole)
-    with warnings.catch_warnings():
-        # The first learning has already warned about the demonstrations.
-        warnings.simplefilter("ignore", UserWarning)
-        learned = method.learn(TrainingInput(demonstrations=demonstrations))
-    if not isinstance(learned, Skill):
-        raise TypeError(f"the method learned a {type(learned).__name__}, not a Skill")
-    return replace(learned, corrections=(*movement.corrections, correction))
-
-
-def completed(method: Method, skill: Skill, correction: Correction) -> Demonstration:
-    """Return the motion of a correction, continued by the expectation of the skill.
-
-    A whole motion becomes a demonstration, because a permanent via-point would bend the
-    movement at all doors. The skill observes the motion as in an episode: it is
-    conditioned on via-points at the estimated phases of the hand, with the noise of the
-    led hand. If the motion ends before the demonstrations, the conditioned mean
-    follows, displaced to begin at the last pose, with the last wrench.
-    """
-    config = replace(method.config, via_std=correction.std)
-    agent = replace(method, config=config).follow(skill)
-    motion, phase = correction.motion, 0.0
-    felt = motion.wrenches
-    wrenches = np.zeros_like(motion.poses) if felt is None else -felt
-    agent.reset({"ee_pose": motion.poses[0]})
-    for pose, wrench in zip(motion.poses, wrenches, strict=True):
-        phase = float(agent.act({"ee_pose": pose, "wrench": wrench}).observed_phase)
-    expected = agent.forecast()
-    after = (expected.times > phase) & (expected.times <= skill.aligned.end)
-    last = interpolated(np.array([phase]), expected.times, expected.mean)
-    later = skill.duration * (expected.times[after] - phase)
-    whole = np.vstack([motion.poses, expected.mean[after] + (motion.poses[-1] - last)])
-    whole[:, 3:] = unwrap_rotvecs(whole[:, 3:])
-    if felt is not None:
-        felt = np.vstack([felt, np.repeat(felt[-1:], len(later), axis=0)])
-    times = np.concatenate([motion.times, motion.times[-1] + later])
-    return Demonstration(times=times, poses=whole, wrenches=felt)
 
 
 def as_demonstrations(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:

@@ -203,8 +203,8 @@ def watch(
     """
     agent = CompliantAgent(
         GriddedMovement(movement, method.adaptation, GRID.size),
-        phases=method.phases(movement),
-        config=replace(method.config, control_period=period),
+        phases=method.pipeline.phases(movement),
+        config=replace(method.pipeline.config, control_period=period),
     )
     watched = {}
     for count, pose in enumerate(poses[: max(counts)], start=1):
@@ -267,7 +267,7 @@ def force_scores(
     felt = OnPhases(phases=left_out.phases, poses=apart.reshape(-1, 6))
     asked = felt.thinned(200)
     predictions = {"force": (learned.predict(asked.phases), asked.poses)}
-    form = method.force_adaptation or method.adaptation
+    form = method.force_adaptation
     noise = np.repeat(np.array(ComplianceConfig().force_std), 3)
     for share in FORECASTS:
         rest, truth, _ = observed(form, learned, felt, share, noise)
@@ -438,7 +438,7 @@ def prior_mean_used(
     a prior mean, as a share of the distance to the prior mean in [0, 1]; None if the
     method accepts no prior mean.
     """
-    if not method.accepts_prior_mean:
+    if not method.learner.accepts_prior_mean:
         return None
     aligned = plain.aligned
     prior = PosePath(

@@ -86,7 +86,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         mean = self._rollout(within)
         mean_rate = np.where(moving, self._rollout(within, 1), 0.0)
         if self.config.spread:
-            demonstrated = EmpiricalDistribution(self.aligned).predict(times)
+            demonstrated = EmpiricalDistribution(aligned=self.aligned).predict(times)
             return replace(demonstrated, mean=mean, mean_rate=mean_rate)
         unknown = np.full((times.size, 6), np.nan)
         return GaussianTrajectory(
