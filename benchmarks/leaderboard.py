@@ -1,6 +1,6 @@
 """The leaderboards of the trials: python benchmarks/leaderboard.py.
 
-Ranks the policies that took part in all trials of a tier by the share of doors that
+Ranks the policies that took part in all trials of a track by the share of doors that
 they opened, from trials.json, which `gplfd report` writes for `gplfd trials`.
 """
 
@@ -16,12 +16,12 @@ from gplfd_experiments.analysis.results.statistics import holm, signed_rank
 from gplfd_experiments.analysis.results.trials import deciding_measure, success_measure
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.studies.trials.protocol import REFERENCES, TIERS, TRIALS
+from gplfd_experiments.studies.trials.protocol import REFERENCES, TRACKS, TRIALS
 
-PROTOCOL: Final = 9  # of the stored results
+PROTOCOL: Final = 10  # of the stored results
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 GROUPS: Final[Mapping[str, Sequence[str]]] = {
-    **{f"Tier {tier}": names for tier, names in TIERS.items()},
+    **{f"Track {track}": names for track, names in TRACKS.items()},
     "All trials of hinged furniture": [
         name
         for name, trial in TRIALS.items()
@@ -29,7 +29,6 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
     ],
 }
 """Trials of each table by its title."""
-_UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")  # They learn nothing.
 
 Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
@@ -104,13 +103,13 @@ def succeeded(numbers: Numbers) -> float:
 
 def titled(policy: str) -> str:
     """Return the cell with the name of a policy."""
-    return f"`{policy}`{' (learns nothing)' if policy in _UNTAUGHT else ''}"
+    return f"`{policy}`{' (learns nothing)' if policy in REFERENCES else ''}"
 
 
 def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
     places = standings(answers, names)
-    learned = [policy for policy in places if policy not in _UNTAUGHT]
+    learned = [policy for policy in places if policy not in REFERENCES]
     rows = {p: [titled(p), f"{succeeded(places[p]):.2f}"] for p in places}
     for name in names:
         measure = EPISODE_MEASURES[deciding_measure(TRIALS[name])]
@@ -128,20 +127,22 @@ def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
 
 
 def overview(answers: Answers) -> Table:
-    """Return the share of successes of every policy in several tiers, by tier."""
+    """Return the share of successes of every policy in several tracks, by track."""
     shares: dict[str, dict[str, float]] = {}
-    for tier, names in TIERS.items():
+    for track, names in TRACKS.items():
         for policy, numbers in standings(answers, names).items():
-            shares.setdefault(policy, {})[tier] = succeeded(numbers)
+            shares.setdefault(policy, {})[track] = succeeded(numbers)
 
     rows = []
     for policy in sorted(
         shares, key=lambda p: (-len(shares[p]), -fmean(shares[p].values()), p)
     ):
-        if len(tiers := shares[policy]) >= 2:
-            cells = [f"{tiers[tier]:.2f}" if tier in tiers else "–" for tier in TIERS]
+        if len(tracks := shares[policy]) >= 2:
+            cells = [
+                f"{tracks[track]:.2f}" if track in tracks else "–" for track in TRACKS
+            ]
             rows.append((titled(policy), *cells))
-    return Table(columns=("policy", *TIERS), rows=tuple(rows))
+    return Table(columns=("policy", *TRACKS), rows=tuple(rows))
 
 
 def separated(answers: Answers, names: Sequence[str]) -> str:
@@ -152,7 +153,8 @@ def separated(answers: Answers, names: Sequence[str]) -> str:
             answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
             for name, level in levels_of(names)
         ]
-        seeds[policy] = list(map(fmean, zip(*successes, strict=True)))
+        common = sorted(set.intersection(*map(set, successes)))
+        seeds[policy] = [fmean(share[seed] for share in successes) for seed in common]
     gp = seeds.pop("gp")
     corrected = holm([signed_rank(gp, other) for other in seeds.values()])
     groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}
@@ -164,13 +166,13 @@ def separated(answers: Answers, names: Sequence[str]) -> str:
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
-    """Print Markdown: an overview, a table per tier, and one of all hinged furniture.
+    """Print Markdown: an overview, a table per track, and one of all hinged furniture.
 
     Args:
         files: Files trials.json of other people.
     """
     answers = answers_of([STORED, *files])
-    print(f"## All tiers\n\n{markdown_table(overview(answers))}\n")
+    print(f"## All tracks\n\n{markdown_table(overview(answers))}\n")
     for title, names in GROUPS.items():
         table = markdown_table(leaderboard(answers, names))
         print(f"## {title}\n\n{table}\n\n{separated(answers, names)}\n")

@@ -35,7 +35,12 @@ from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.video import VideoFormat, write_video
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
-from gplfd_experiments.studies.trials.protocol import TRIALS, named_trials, trial_tasks
+from gplfd_experiments.studies.trials.protocol import (
+    FIRST_SEED,
+    TRIALS,
+    named_trials,
+    trial_tasks,
+)
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
@@ -167,7 +172,7 @@ _BALL: Final = 0.012  # Radius at 1 N [m]; it grows with the root of the force.
 def task_of(name: str) -> EpisodeTask:
     """Return the episode of `gp` that is shown for a trial."""
     film = _SHOWN["films"][name]
-    wanted = "gp", 0, film["door"], film["level"]
+    wanted = "gp", FIRST_SEED, film["door"], film["level"]
     for task in trial_tasks(named_trials((name,)), part="small"):
         if (task.policy, task.seed, task.door, task.level) == wanted:
             return task
@@ -261,13 +266,13 @@ def doors() -> None:
     page = _IMAGES.parent / "gallery.md"
     folder = page.parent / "episodes"
     folder.mkdir(exist_ok=True)
-    rows = ["| door | `gp` | `gp-paper` |", "|---|---|---|"]
+    rows = ["| door | `gp` | `gp-paper@published` |", "|---|---|---|"]
     for door, config in named_doors(tuple(DOORS)).items():
         cells = [door]
-        for policy in ("gp", "gp-paper"):
+        for policy in ("gp", "gp-paper@published"):
             task = episode_task(door, config, policy=policy, seed=0)
             log = episode_log(task)
-            name = f"{door}-{policy}.mp4"
+            name = f"{door}-{policy.partition('@')[0]}.mp4"
             write_video(folder / name, log, model_of(task), _FORMAT)
             outcome = why_closed(log.failure, log.reason) or "opened"
             peak = np.abs(log.forces.force_radial).max()
@@ -300,7 +305,8 @@ def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
 
 def recordings() -> None:
     """Draw recording.png, of one policy, and comparison.png, of six."""
-    compared = ("gp", "kmp", "gmm-gp", "gmr", "local-gp", "dmp")
+    others = ("kmp", "gmm-gp", "gmr", "local-gp", "dmp")
+    compared = ("gp", *(f"{name}@published" for name in others))
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "recording.rrd")
         for name, door, policies, size, at in (

@@ -20,7 +20,7 @@ from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.folders import folder_in_use
 from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
-from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.built_in import PARTS, POLICIES
 
 pytestmark = pytest.mark.slow
 
@@ -245,7 +245,8 @@ def test_list_has_all_names_and_the_range_of_radii(gplfd, capsys):
         name for section in listed.values() for name in section
     }
     assert set(listed["doors"]) == set(DOORS)
-    kinds = ("methods", "ablations", "references")
+    kinds = ("learners", "references")
+    assert set(listed["pipelines"]) == {"published", "tuned", *PARTS}
     assert {name for kind in kinds for name in listed[kind]} == set(POLICIES)
 
 

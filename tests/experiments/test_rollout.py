@@ -25,7 +25,7 @@ from gplfd_experiments.episodes.rollout import (
 from gplfd_policies.agents.agent import batch_agents
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.movement import GaussianTrajectory
-from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import TrainingInput
 
 pytestmark = pytest.mark.slow
@@ -165,7 +165,7 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time():
 def agents_of(policy: str) -> Callable[[], Any]:
     """Learn once from four demonstrations."""
     given = Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
-    return learned(POLICIES[policy], TrainingInput(demonstrations=given))
+    return learned(policy_named(policy), TrainingInput(demonstrations=given))
 
 
 def in_lockstep(
@@ -184,7 +184,7 @@ def in_lockstep(
     ("policy", "options"),
     [
         ("gp", {"randomization": "hard", "max_episode_steps": 40}),
-        ("gp-impedance", {"randomization": "hard", "max_episode_steps": 25}),
+        ("gp@impedance", {"randomization": "hard", "max_episode_steps": 25}),
         ("oracle", {"randomization": "hard"}),
         ("hinge-fit", {"randomization": "mild", "max_episode_steps": 40}),
     ],

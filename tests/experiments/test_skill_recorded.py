@@ -22,7 +22,7 @@ from gplfd_experiments.studies.learning_tests.scores import (
     watch,
     without,
 )
-from gplfd_policies import POLICIES
+from gplfd_policies import policy_named
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
@@ -51,7 +51,7 @@ def three(seed: int) -> tuple[Demonstration, ...]:
 
 
 def method(name: str) -> Method:
-    found = POLICIES[name].method
+    found = policy_named(name).method
     assert found is not None
     return found
 
@@ -100,13 +100,14 @@ class Told(ClockPhase):
 
 def test_online_equals_offline_where_the_phase_is_exact():
     """But for via-points at samples, not hundredths: 1.5 mm and 0.1 of the NLPD."""
-    gp = method("gp-process")
+    gp = method("gp@no-size")
     movement, left_out, _ = without(gp, arcs(), 1)
     offline = forecasts(gp, movement, left_out)
 
     def told(error: float) -> dict[str, float | None]:
         rule = Told(left_out.phases + error)
-        exact = replace(gp, phases=lambda _: rule)
+        pipeline = replace(gp.pipeline, phases=lambda _: rule)
+        exact = replace(gp, pipeline=pipeline)
         return online_forecasts(exact, movement, left_out, 0.025)
 
     online, wrong = told(0.0), told(0.05)
@@ -118,7 +119,7 @@ def test_online_equals_offline_where_the_phase_is_exact():
             )
             assert wrong[f"online_{share}_{name}"] > known + 2.0 * tolerance
     # Without via-points both are what was learned.
-    fixed = replace(gp, adaptation=None)
+    fixed = method("gp@no-adaptation")
     online = online_forecasts(fixed, movement, left_out, 0.025)
     for name, value in forecasts(fixed, movement, left_out).items():
         assert online[name.replace("forecast", "online")] == value

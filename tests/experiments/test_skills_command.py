@@ -47,7 +47,7 @@ def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys
     Path("doors/mine.json").write_text(json.dumps(own))
     doors = ["0.50", "oven", "doors/mine.json"]
     run = ["run", "--doors", *doors, "--out", "kinds", "--policy", "oracle"]
-    policy = ["--policy", "gp-within-demonstrations"]
+    policy = ["--policy", "gp@no-continuation"]
     learn = ["learn", "kinds/demonstrations-oven.npz", *policy]
     assert cli.main([*run, "--quiet"]) == 0
     capsys.readouterr()
@@ -77,5 +77,5 @@ def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):
     assert len(first["skill_sha256"]) == 64
     assert second["skill_sha256"] is None
     # Another policy follows the same skill in its own way.
-    assert cli.main([*kept, "--policy", "gp-constant-500", "--out", "c"]) == 0
+    assert cli.main([*kept, "--policy", "gp@constant-500", "--out", "c"]) == 0
     assert metrics("c")["force_radial_peak"] != metrics("a")["force_radial_peak"]

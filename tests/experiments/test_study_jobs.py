@@ -23,7 +23,8 @@ from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 from gplfd_policies.adaptation.process import ProcessAdaptation
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry import catalogue as registry
-from gplfd_policies.registry.method import Method, TrainingInput
+from gplfd_policies.registry.built_in import POLICIES
+from gplfd_policies.registry.method import Learner, Method, TrainingInput
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +95,8 @@ def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
             learned.append(training)
             return super().learn(training)
 
-    method = Noting(fit=fit_skill, adaptation=ProcessAdaptation)
+    learner = Learner(fit=fit_skill, adaptation=ProcessAdaptation)
+    method = Noting(learner=learner)
     changed = dataclasses.replace(registry.policy_named("gp"), make=method)
     monkeypatch.setattr(registry, "POLICIES", {"gp": changed})
     doors, slow = (0.35, 0.42, 0.5), {**task().teacher, "duration_mean": 9.0}
@@ -138,7 +140,7 @@ def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):
     monkeypatch.setattr(build, "learned", learned)
     short = {**task().teacher, "angle_mean": 0.5}
     one = task("gp", teacher=short, prior_radius=0.45)
-    build.learned_agents(one, registry.POLICIES["gp"])
+    build.learned_agents(one, POLICIES["gp"])
     _, training = learned.call_args.args
     prior = training.prior_mean
     pose = prior.mean(np.array([1.0]))[0]
@@ -180,7 +182,7 @@ def test_an_error_is_the_policy_s_or_the_machine_s(error, machine, monkeypatch, 
 
 def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):
     def method_metrics(method: Any, **options: Any) -> dict[str, Any]:
-        assert method is registry.POLICIES["gp"].method
+        assert method is POLICIES["gp"].method
         numbers = {"nlpd": -2.0, "far": math.nan, "cpu": {"2": math.inf, "6": (1.0, 2)}}
         return {"asked": list(options.values()), **numbers}
 

@@ -1,4 +1,4 @@
-"""What reports and files say of trials taken together: scores, tiers, rows."""
+"""What reports and files say of trials taken together: scores, tracks, rows."""
 
 import csv
 import json
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from gplfd_experiments.analysis.report.sections import ordered, tier_tables
+from gplfd_experiments.analysis.report.sections import ordered, track_tables
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
@@ -14,14 +14,14 @@ from gplfd_experiments.analysis.results.trials import (
     success_measure,
 )
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS
+from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
 
 RADIAL = "force_radial_peak"
 
 
 @pytest.fixture
 def heavy(write_study, episode_result):
-    """Eight seeds of two trials of a tier; the circle fit fails in one."""
+    """Eight seeds of two trials of a track; the circle fit fails in one."""
     results = []
     for policy, force in (("gp", 2.0), ("promp", 4.0), ("hinge-fit", 1.0)):
         for seed in range(8):
@@ -33,15 +33,15 @@ def heavy(write_study, episode_result):
                 results.append(one)
     for seed in range(8):
         own = {"trial": "heavy", "level": "14 N"}
-        results.append(episode_result("gp-fixed", seed, **own))
+        results.append(episode_result("gp@no-adaptation", seed, **own))
     return write_study(results)
 
 
-def test_tiers_have_trials_of_the_protocol_once_each():
-    names = [name for names in TIERS.values() for name in names]
+def test_tracks_have_trials_of_the_protocol_once_each():
+    names = [name for names in TRACKS.values() for name in names]
     assert len(set(names)) == len(names)
     assert set(names) <= TRIALS.keys()
-    assert set(TIERS["forces"]) == {one for one in TRIALS if "forces-" in one}
+    assert set(TRACKS["forces"]) == {one for one in TRIALS if "forces-" in one}
 
     # Each has a share, and a measure that is none.
     for name, trial in TRIALS.items():
@@ -50,9 +50,9 @@ def test_tiers_have_trials_of_the_protocol_once_each():
     assert success_measure(TRIALS["locked"]) == "grasp_kept"
 
 
-def test_a_table_per_tier_has_successes_and_radial_force(heavy):
-    title, table = tier_tables(read_results(heavy))
-    assert title.text == "**Tier furniture**, 2 of 7 trials"
+def test_a_table_per_track_has_successes_and_radial_force(heavy):
+    title, table = track_tables(read_results(heavy))
+    assert title.text == "**Track furniture**, 2 of 7 trials"
     assert [row[:3] for row in table.rows] == [
         ("`gp`", "method", "16/16\n0.81–1.00"),
         ("`promp`", "method", "16/16\n0.81–1.00"),

@@ -14,7 +14,7 @@ from gplfd_experiments.analysis.results.trials import MEASURES, Answer, of_trial
 from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
 FORCE = "person_force_peak"
-POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp-constant-100": 50.0}
+POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp@constant-100": 50.0}
 TRIAL = TRIALS["person"]
 
 
@@ -67,7 +67,7 @@ def test_rows_are_those_of_the_table_with_its_numbers(levels):
     assert table[0] == "**holds the hand**"
     for axes, level in zip(figure.axes, runs, strict=True):
         assert axes.get_title(loc="left") == level
-        assert rows_of(axes) == ["kmp", "gp", "hinge-fit", "gp-constant-100"]
+        assert rows_of(axes) == ["kmp", "gp", "hinge-fit", "gp@constant-100"]
     top, bottom = figure.axes
     assert [name.split("`")[1] for name in table[1:5]] == rows_of(top)
     dots, interval, mark = drawn(top, 1)

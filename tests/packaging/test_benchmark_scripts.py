@@ -15,7 +15,7 @@ import pytest
 import tyro
 from PIL import Image
 
-from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS
+from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +121,7 @@ def test_the_page_has_what_the_script_prints(capsys, monkeypatch):
     """Of the comparisons with `gp`, whose tests take seconds, that of one table."""
     page = (ROOT / "docs" / "leaderboard.md").read_text()
     answers = leaderboard.answers_of([leaderboard.STORED])
-    assert f"\n\n{leaderboard.separated(answers, TIERS['other motions'])}\n\n" in page
+    assert f"\n\n{leaderboard.separated(answers, TRACKS['other motions'])}\n\n" in page
     monkeypatch.setattr(leaderboard, "separated", lambda *_: "SEPARATED")
     page = re.sub(r"^Compared with `gp` .*", "SEPARATED", page, flags=re.MULTILINE)
     assert f"\n\n{printed(capsys)}\n\n" in page

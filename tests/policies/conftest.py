@@ -13,7 +13,6 @@ import pytest
 from gplfd_env import DoorConfig, DoorGeometry
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import (
-    POLICIES,
     Agent,
     AlignedDemonstrations,
     Demonstration,
@@ -23,6 +22,7 @@ from gplfd_policies import (
     align,
     fit_skill,
     make_agent,
+    policy_named,
 )
 from gplfd_policies.gp.heteroscedastic import KerstingNoise
 from gplfd_policies.movements.baselines.wishart_gp import WishartGPConfig
@@ -104,13 +104,16 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     lessons = []  # kept, so that no other demonstration gets the identity of one
 
     def learn(method: Method, lesson: Sequence[Demonstration]) -> Movement:
-        how = method.fit, method.align, method.beyond, method.seeded
+        learner, pipeline = method.learner, method.pipeline
+        how = learner.fit, pipeline.align, pipeline.beyond, learner.seeded
         key = f"{how} {[id(part) for part in lesson]}"
         if key not in movements:
             lessons.append(lesson)
-            if "n_samples" in inspect.signature(method.align).parameters:
-                method = replace(method, align=partial(method.align, n_samples=80))
-            method = replace(method, fit=fitted_in_few_iterations(method.fit))
+            if "n_samples" in inspect.signature(pipeline.align).parameters:
+                coarse = partial(pipeline.align, n_samples=80)
+                pipeline = replace(pipeline, align=coarse)
+            learner = replace(learner, fit=fitted_in_few_iterations(learner.fit))
+            method = Method(learner=learner, pipeline=pipeline)
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
                 movements[key] = method.learn(TrainingInput(demonstrations=lesson))
@@ -127,12 +130,12 @@ def learned_agent(
     """Return agents by the name of a policy, which are told a door of half a metre."""
 
     def make(name: str) -> Agent:
-        method = POLICIES[name].method
+        method = policy_named(name).method
         if method is None:
             agent = make_agent(name, ())
         else:
             lesson = demonstrations
-            if method.phase_stiffness is not None:
+            if method.pipeline.phase_stiffness is not None:
                 lesson = tuple(
                     replace(motion, wrenches=np.full(motion.poses.shape, 2.0))
                     for motion in demonstrations

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import butter, sosfiltfilt
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_policies import POLICIES, Demonstration, align
+from gplfd_policies import POLICIES, Demonstration, align, policy_named
 from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.alignment import (
     dynamic_time_warping,
@@ -342,5 +342,5 @@ def test_forces_are_learned_in_the_way_of_the_motion(demonstrations):
         assert type(movement.forces) is type(movement)
         mean = movement.forces.predict(np.linspace(0.0, 1.0, 5)).mean
         assert_allclose(mean[:, 1], 2.0, atol=0.2)  # up, about which the hand turns
-    without = POLICIES["gp-without-forces"].method
+    without = policy_named("gp@no-forces").method
     assert without.learn(TrainingInput(demonstrations=felt)).forces is None

@@ -135,7 +135,7 @@ def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
 
 def test_what_six_numbers_cannot_express_is_refused():
     with pytest.raises(ValueError, match="stiffness along the path"):
-        policy_named("stiffness-from-force").method.open_loop(H)
+        policy_named("gp@stiffness-from-force").method.open_loop(H)
     mass = np.array([4.0, 5.0, 4.0, 0.15, 0.15, 0.15])
     commanded = path_of(np.tile(DEFAULT_PROFILE.k_max, (2, 1)))
     uneven = replace(commanded, dynamics=replace(ARM_DYNAMICS, mass=mass))

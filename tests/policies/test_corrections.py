@@ -9,7 +9,6 @@ from numpy.testing import assert_array_equal
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, load_skill
 from gplfd_policies.demonstrations.demonstration import Correction
-from gplfd_policies.registry.method import completed
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +50,7 @@ def test_what_is_no_correction_is_refused(changes, message):
 def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
     """The rest of a 0.62 m arc, from a skill that was shown 0.35 and 0.50 m."""
     correction = led(0.62, np.radians(40.0), noise=0.1)
-    whole = completed(GP, skill, correction)
+    whole = GP.completed(skill, correction)
     count = len(correction.motion.times)
     assert_array_equal(whole.poses[:count], correction.motion.poses)
     assert np.all(np.diff(whole.times) > 0.0)
@@ -101,13 +100,12 @@ def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
         replace(bare, inputs=bare.inputs[1:])
 
 
-def test_who_cannot_be_corrected_says_so(skill):
-    assert POLICIES["gp"].correctable
-    assert not POLICIES["promp"].correctable
-    assert not POLICIES["hinge-fit"].correctable
-    correction = led(0.62, 0.9)
-    promp = POLICIES["promp"].method
-    with pytest.raises(ValueError, match="this policy cannot be corrected"):
-        promp.update(skill, correction)
-    with pytest.raises(ValueError, match="added to a Skill, got a object"):
-        GP.update(object(), correction)
+def test_every_learner_learns_from_a_correction(demonstrations):
+    """A door twice as large as the demonstrated ones is expected to be larger."""
+    correction, mean = led(1.0, 0.9), POLICIES["mean"].method
+    movement = mean.learn(TrainingInput(demonstrations=demonstrations))
+    learned = mean.update(movement, correction)
+    assert len(learned.aligned.poses) == len(demonstrations) + 1
+    end = np.array([movement.aligned.end])
+    before, after = (np.ptp(m.predict(end).mean[0, :3]) for m in (movement, learned))
+    assert after > before + 0.02

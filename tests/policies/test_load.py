@@ -202,6 +202,17 @@ def test_what_is_carried_falls_with_the_give(lag):
     assert ahead.path_lag == 0.0
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.05, 0.5])
+def test_a_weight_that_was_learned_is_carried_however_far_the_hand_lags(lag):
+    """22 N, of which k(g) ℓ of a soft hand would be 10 N; and nothing beyond them."""
+    load = LearnedLoad().begin(DEFAULT_PROFILE)
+    moved(load, 22.0, 0.6, steps=600)
+    held = {"position": (0.6, 0.0, 0.0), "displacement": (-lag, 0.0, 0.0)}
+    for force, carried in ((15.0, 15.0), (22.0, 22.0), (40.0, 22.0)):
+        response = load.update(contact(wrench(x=-force), **held))
+        assert response.compensated_load == pytest.approx(carried, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("lag", "pace"), [(0.0, 1.0), (0.03, 1.0 - 1.0 / 16.0), (0.06, 0.0), (0.1, -1.0)]
 )

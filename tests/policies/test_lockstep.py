@@ -10,10 +10,11 @@ from numpy.testing import assert_array_equal
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
-from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
+from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent, policy_named
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.registry.built_in import PARTS, PUBLISHED
 
 pytestmark = pytest.mark.slow
 
@@ -27,13 +28,17 @@ def way_to_follow(name, policy):
     method = policy.method
     if method is None:
         return name
-    form = getattr(method.adaptation, "func", method.adaptation)
-    config = dataclasses.replace(method.config, via_std=ComplianceConfig().via_std)
-    return form, method.phases, repr(config)
+    pipeline = method.pipeline
+    form = pipeline.adapts and (pipeline.size_inference or method.adaptation)
+    form = getattr(form, "func", form)
+    config = dataclasses.replace(pipeline.config, via_std=ComplianceConfig().via_std)
+    return form, pipeline.phases, repr(config)
 
 
+NAMES = [*POLICIES, *(f"gp@{part}" for part in PARTS)]
+NAMES += [f"{name}@published" for name in PUBLISHED]
 WAYS_TO_FOLLOW = {
-    way_to_follow(name, policy): name for name, policy in reversed(POLICIES.items())
+    way_to_follow(name, policy_named(name)): name for name in reversed(NAMES)
 }.values()
 """One policy of every way to follow a movement; the others learn differently."""
 
@@ -54,7 +59,7 @@ def agents_of(demonstrations, learned):
                 teacher.standard_demonstrations(seed=seed, like=LEVER)
                 for seed in (0, 1)
             ]
-        method = POLICIES[name].method
+        method = policy_named(name).method
         if method is None:
             agents = [make_agent(name, lessons[0]) for _ in RADII]
         else:

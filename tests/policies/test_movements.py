@@ -351,5 +351,7 @@ def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
     some = EmpiricalDistribution(aligned=aligned).predict(GRID)
     curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
     assert_allclose(some.covariance[4], np.cov(np.array(curves).T), atol=1e-14)
-    single = EmpiricalDistribution(aligned=replace(aligned, poses=poses[:1], clocks=None))
+    single = EmpiricalDistribution(
+        aligned=replace(aligned, poses=poses[:1], clocks=None)
+    )
     assert_array_equal(single.predict(GRID).std, 0.0)

@@ -45,7 +45,7 @@ def pulled(demonstrations, force):
 @pytest.mark.parametrize(("newtons", "k"), [(0.4, 500), (2.75, 300), (20.0, 100)])
 def test_stiffness_from_force_is_low_along_the_force_alone(newtons, k, demonstrations):
     force = newtons * np.array([0.6, 0.0, 0.8])
-    agent = make_agent("stiffness-from-force", pulled(demonstrations, force))
+    agent = make_agent("gp@stiffness-from-force", pulled(demonstrations, force))
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
     step = agent.act(observation)
@@ -64,7 +64,7 @@ def test_stiffness_from_force_is_low_along_the_force_alone(newtons, k, demonstra
 
 def test_stiffness_from_force_refuses_demonstrations_without(demonstrations):
     with pytest.raises(ValueError, match=r"with wrenches, got none; .* such as gp"):
-        make_agent("stiffness-from-force", demonstrations)
+        make_agent("gp@stiffness-from-force", demonstrations)
 
 
 def test_learned_stiffness_is_that_of_the_commanded_phase(demonstrations, monkeypatch):
@@ -76,7 +76,9 @@ def test_learned_stiffness_is_that_of_the_commanded_phase(demonstrations, monkey
         return stiffness
 
     monkeypatch.setattr(PhaseStiffness, "combined", noted)
-    agent = make_agent("stiffness-from-force", pulled(demonstrations, [3.0, 0.0, 1.0]))
+    agent = make_agent(
+        "gp@stiffness-from-force", pulled(demonstrations, [3.0, 0.0, 1.0])
+    )
     held = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(held)
     steps = [agent.act(held) for _ in range(20)]

@@ -6,11 +6,20 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
+from gplfd_policies.registry.built_in import PARTS, PUBLISHED, tuned_settings
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", sorted(POLICIES))
+NAMES = [
+    *POLICIES,
+    *(f"gp@{part}" for part in PARTS),
+    *(f"{name}@published" for name in PUBLISHED),
+    *(f"{name}@tuned" for name in tuned_settings()),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_every_policy_makes_finite_steps(name, learned_agent):
     """From the closed handle on, and until the first via-point is taken."""
     agent = learned_agent(name)
@@ -19,7 +28,7 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
     step = agent.act(observation)
     assert np.isfinite(step.action).all()
     # Three components, which suit the whole path best, begin beside its start.
-    off = 0.02 if name == "gmm-gp-tuned" else 0.01
+    off = 0.02 if name == "gmm-gp@tuned" else 0.01
     assert np.abs(step.action[:3]).max() < off
     for angle in (0.02, 0.04, 0.06):
         pose = handle_pose_on_arc(0.5, angle)

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_policies import POLICIES, ViaPoint, align
+from gplfd_policies import ViaPoint, align, policy_named
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.heteroscedastic import KerstingNoise
-from gplfd_policies.registry.built_in import SPACES, tuned
+from gplfd_policies.registry.built_in import PUBLISHED, SPACES, tuned
 from gplfd_policies.registry.method import profile_of_spread
 
 pytestmark = pytest.mark.slow
@@ -28,11 +28,11 @@ def adapted(method, movement):
 def test_published_settings_are_those_of_the_registered_method(
     name, demonstrations, learned
 ):
-    registered = POLICIES[name].method
+    registered = PUBLISHED[name]
     again = tuned(name, SPACES[name].published).method
-    assert again.config == registered.config
+    assert again.pipeline.config == registered.pipeline.config
     if name == "gp-paper":  # of which `learned` shortens the search
-        assert again.fit.keywords["noise"] == KerstingNoise()
+        assert again.learner.fit.keywords["noise"] == KerstingNoise()
     ours, theirs = (
         adapted(method, learned(method, demonstrations))
         for method in (again, registered)
@@ -46,23 +46,27 @@ def test_both_ends_of_every_setting_are_a_method(name):
     for end in ("low", "high"):
         settings = SPACES[name].settings.items()
         values = {setting: getattr(limits, end) for setting, limits in settings}
-        assert tuned(name, values).method != POLICIES[name].method
+        assert tuned(name, values).method != PUBLISHED[name]
 
 
 def test_a_tuned_policy_has_the_settings_and_says_them():
     policy = tuned("gmr", {"components": 5, "regularisation": 1e-3})
     assert policy.summary == "gmr, tuned: components 5, regularisation 0.001"
-    config = policy.method.fit.keywords["config"]
+    config = policy.method.learner.fit.keywords["config"]
     assert (config.components, config.regularisation) == (5, 1e-3)
 
 
 @pytest.mark.parametrize(
     ("name", "resolution"),
-    [("gp", 1e-4), ("promp", 3e-4), ("kmp-tuned", 1e-3), ("promp-tuned", 1e-4)],
+    [
+        *[("gp", 1e-4), ("promp", 1e-4)],
+        *[("promp@published", 3e-4), ("kmp@tuned", 1e-3), ("promp@tuned", 1e-4)],
+    ],
 )
 def test_chosen_resolution_is_that_of_the_stiffness_law(
     name, resolution, demonstrations
 ):
     aligned = align(demonstrations)
     expected = profile_of_spread(aligned, (resolution, 3e-2))
-    assert_array_equal(POLICIES[name].method.profile(aligned).beta, expected.beta)
+    profile = policy_named(name).method.pipeline.profile(aligned)
+    assert_array_equal(profile.beta, expected.beta)

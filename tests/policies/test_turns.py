@@ -43,7 +43,7 @@ def test_a_turn_is_learned_and_reported(degrees):
     motions = demonstrations(degrees)
     assert turned(motions[0]) == pytest.approx(degrees, abs=6.0)
     method = POLICIES["gp"].method
-    assert len(partition(method.align(motions))) == 1
+    assert len(partition(method.pipeline.align(motions))) == 1
     skill = method.learn(TrainingInput(demonstrations=motions))
     phases, end = skill.aligned.times, skill.aligned.end
     inside = phases <= end

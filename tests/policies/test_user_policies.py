@@ -22,7 +22,7 @@ from gplfd_policies.registry.catalogue import packaged_summaries
 MODULE = '''
 """Somebody's policies."""
 import numpy as np
-from gplfd_policies import Method, Policy, fit_skill
+from gplfd_policies import Learner, Method, Policy, fit_skill
 
 
 class Still:
@@ -44,7 +44,8 @@ def make_with_seed(training, seed):
     return Still(training)
 
 
-method = Method(fit=fit_skill)
+method = Method(learner=Learner(fit=fit_skill))
+learner = Learner(summary="as it says, too", fit=fit_skill)
 policy = Policy(summary="as it says", make=method)
 number = 3
 '''
@@ -95,6 +96,8 @@ def test_classes_methods_and_helpers_beside_a_module_are_found(folder):
         ("mine:Still", "Stays at the closed handle.", False),
         ("mine:method", "method of mine (", True),
         ("mine:policy", "as it says", True),
+        ("mine:learner", "as it says, too", True),
+        ("mine:learner@no-size", "as it says, too; infers no size", True),
         ("laboratory.best:mine.Still", "Stays at the closed handle.", False),
     ):
         policy = policy_named(name)
@@ -108,7 +111,7 @@ def test_classes_methods_and_helpers_beside_a_module_are_found(folder):
         ("absent:make", r"'absent:make': there is no module 'absent', .*path/to/file"),
         ("absent.py:make", r"there is no file .*absent\.py"),
         ("mine:absent", r"mine \(.*mine\.py\) has no 'absent'; it has Still, make, "),
-        ("mine:number", "number of mine .* is a int; it must be a function from"),
+        ("mine:number", "number of mine .* is a int; it must be a Learner, a"),
         ("mine:make_with_seed", r"make_with_seed\(training, seed\) of mine .*one arg"),
         (":", "names no module; give module:function or path/to/file.py:function"),
         ("mine.py", r"name a function in it, as in mine\.py:make"),

@@ -26,7 +26,8 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.provenance import versions
-from gplfd_policies.registry.catalogue import POLICIES, packaged_summaries
+from gplfd_policies.registry.built_in import PARTS, POLICIES
+from gplfd_policies.registry.catalogue import packaged_summaries
 
 EXTRAS: Final[Mapping[str, str]] = {
     "dask": "studies on a cluster",
@@ -154,10 +155,14 @@ def catalogue() -> dict[str, Mapping[str, str]]:
             + (" with latch" if door.latch != "none" else "")
             for name, door in DOORS.items()
         },
-        "methods that learn (or a policy of your own: module:function)": _policies(
+        "learners, in one pipeline (or your own: module:attribute)": _policies(
             "method"
         ),
-        "ablations (a method with one part removed or replaced)": _policies("ablation"),
+        "pipelines (of a learner, after an @: gmr@published, gp@no-size+no-modes)": {
+            "published": "as the authors published the method, without shared parts",
+            "tuned": "as published, with the settings that tuning found",
+            **{name: part.summary for name, part in PARTS.items()},
+        },
         "references (policies that do not learn)": _policies("reference"),
         "policies of installed packages": packaged_summaries(POLICIES),
         "environments": {

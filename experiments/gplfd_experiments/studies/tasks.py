@@ -21,7 +21,6 @@ from gplfd_experiments.episodes.task import (
 from gplfd_experiments.studies.learning_tests.folds import HELD_OUT, HeldOut
 from gplfd_experiments.studies.settings import (
     TABLE_1_NAME,
-    TUNED_NAME,
     Condition,
     StudySettings,
 )
@@ -239,9 +238,12 @@ def recorded_tasks(
 
 def _policies(names: Sequence[str]) -> tuple[str, ...]:
     """Replace names of groups of policies by their members."""
-    tuned = tuple(f"{policy}-tuned" for policy in TABLE_1)
-    groups = {TABLE_1_NAME: TABLE_1, TUNED_NAME: tuned}
-    return tuple(policy for name in names for policy in groups.get(name, (name,)))
+    policies: list[str] = []
+    for name in names:
+        group, at, pipeline = name.partition("@")
+        members = TABLE_1 if group == TABLE_1_NAME else (group,)
+        policies += [f"{member}{at}{pipeline}" for member in members]
+    return tuple(policies)
 
 
 def _check_list(option: str, values: Sequence[object]) -> None:

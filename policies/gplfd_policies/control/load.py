@@ -183,9 +183,10 @@ class LearnedLoad(Load):
     """Compensates the learned weight of a door, and yields to the rest.
 
     Of the resistance r along the path, the hand compensates at most the expected
-    resistance r̂, and at most the force that the remaining stiffness has at `reach`:
+    resistance r̂, and of what is not known to be the door's weight at most the force
+    that the remaining stiffness has at `reach`:
 
-        compensated = min(r, r̂, k(g) ℓ),        g = max(-uᵀe, 0),
+        compensated = min(r, r̂, max(k(g) ℓ, w r̂)),        g = max(-uᵀe, 0),
 
     with the direction u of the path, the displacement e of Eq. (22), the lag g of the
     hand along the path, and the stiffness k(g) along u from Eq. (24) with σ = g. The
@@ -196,6 +197,8 @@ class LearnedLoad(Load):
     r̂ is `limit` at first. Then it follows, over `stretch` metres of path, the force
     that was needed to move the hand: the maximum in each step of `step` metres, because
     of stick-slip friction. A person who holds the hand stops it, which does not count.
+    Over the same distance the share w of r̂ that was measured rises from 0 to 1: a
+    weight that was learned stays compensated, however far the hand lags.
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`
@@ -296,7 +299,7 @@ class _LoadLearner(Load):
         std = np.asarray(lag)[..., None]
         stiffness = self._profile.stiffness(std, rows=rows)[..., :3]
         reserve = gain * rule.reach * _along(direction, stiffness * direction)
-        bound: PerRow = np.minimum(expected, reserve)
+        bound: PerRow = np.minimum(expected, np.maximum(reserve, learned * expected))
         if contact.expected is not None and contact.expected_ahead is not None:
             ends = []
             for force in (contact.expected, contact.expected_ahead):

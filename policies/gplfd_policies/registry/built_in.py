@@ -268,6 +268,7 @@ PUBLISHED: Final[Mapping[str, Method]] = MappingProxyType(
         name: Method(learner=LEARNERS[name], pipeline=_published(resolution))
         for name, resolution in {
             "mean": None,
+            "kmp": 1e-3,
             "promp": 3e-4,
             "gmr": None,
             "tp-gmm": 3e-3,
@@ -283,9 +284,6 @@ PUBLISHED: Final[Mapping[str, Method]] = MappingProxyType(
             learner=replace(LEARNERS["dmp"], fit=fit_dmp),
             # Without uncertainty: the phase needs that of the demonstrations.
             pipeline=_published(phases=demonstrated_phase),
-        ),
-        "kmp": Method(
-            learner=replace(LEARNERS["kmp"], fit=fit_kmp), pipeline=_published()
         ),
         "gp-paper": Method(
             learner=LEARNERS["gp-paper"],

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 from gplfd_experiments.analysis.results.measures import ResultT
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_policies.registry.catalogue import POLICIES
+from gplfd_policies.registry.built_in import POLICIES
+from gplfd_policies.registry.catalogue import policy_named, split_name
 
 TOLD: Final = "told the door"
 """Kind of a policy that knows the door: it is listed, but never the reference."""
@@ -76,9 +77,13 @@ def literal(text: object) -> str:
 
 def kind_of(policy: str) -> str:
     """Return the kind of a policy: method, ablation, reference, `TOLD` or own."""
-    if policy not in POLICIES:
+    if split_name(policy)[0] not in POLICIES:
         return "own"
-    return TOLD if POLICIES[policy].told else POLICIES[policy].kind
+    try:
+        known = policy_named(policy)
+    except ValueError:  # a pipeline of another version
+        return "ablation"
+    return TOLD if known.told else known.kind
 
 
 def policy_table(

@@ -59,7 +59,7 @@ def report(results: StudyResults, reference: str) -> list[Section]:
     conditions = {str(which): measures.ranked(group) for which, group in groups}
     lead, questions = _warnings(results), list[Section]()
     if of_trials := len(episodes) < len(results.episodes):
-        lead += sections.tier_tables(results)
+        lead += sections.track_tables(results)
     if conditions:
         lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})

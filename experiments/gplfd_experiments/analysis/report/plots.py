@@ -195,7 +195,7 @@ def deciding_numbers(
                 axes.text(0.01, row, "no number", fontsize=6.0, **look)
             else:
                 _, mark = _KINDS[kind_of(policy)]
-                means = MEASURES[measure].seed_means(episodes)
+                means = [*MEASURES[measure].seed_means(episodes).values()]
                 values += means
                 dots: Look = {"marker": "o", "ms": 2.4, "color": mark["color"]}
                 axes.plot(means, [row] * len(means), **dots, **_DOTS)

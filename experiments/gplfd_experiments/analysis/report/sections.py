@@ -371,13 +371,13 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
     return ordered_levels
 
 
-def tier_tables(results: reading.StudyResults) -> list[Block]:
-    """Return a table per tier: shares of successes, and radial forces.
+def track_tables(results: reading.StudyResults) -> list[Block]:
+    """Return a table per track: shares of successes, and radial forces.
 
     Of policies in all its levels, but those with a prior mean, which not all accept.
     """
     blocks: list[Block] = []
-    for tier, names in protocol.TIERS.items():
+    for track, names in protocol.TRACKS.items():
         ran = [
             episode
             for episode in results.episodes
@@ -405,7 +405,7 @@ def tier_tables(results: reading.StudyResults) -> list[Block]:
         number = len({trial for trial, _ in levels})
         if ran:
             blocks += [
-                Text(f"**Tier {tier}**, {number} of {len(names)} trials"),
+                Text(f"**Track {track}**, {number} of {len(names)} trials"),
                 Table(columns=columns, rows=tuple(rows)),
             ]
     return blocks
@@ -494,11 +494,12 @@ def table_one_section(tests: Results) -> Section:
     ran = measures.by_condition(test for test in tests if not test.error)
     standard = measures.grouped(next(iter(ran.values()), []), "policy")
     foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
-    tuned = [f"{policy}-tuned" for policy in TABLE_1]
+    others = {way: [f"{p}@{way}" for p in TABLE_1] for way in ("published", "tuned")}
     blocks: list[Block] = []
     for title, policies in (
         ("Marks with their numbers", (*TABLE_1, *foreign)),
-        ("Marks of the tuned methods", tuned),
+        ("Marks of the methods as published", others["published"]),
+        ("Marks of the tuned methods", others["tuned"]),
     ):
         measured = {
             p: [t.metrics for t in standard[p]] for p in policies if p in standard

@@ -92,18 +92,21 @@ class Measure:
         values = self.values(results)
         return statistics.median(values) if values else None
 
-    def seed_means(self, results: Iterable[TaskResult]) -> list[float]:
-        """Return the mean over the results of each seed that have this measure."""
-        seeds = grouped(results, "task.seed").values()
-        by_seed = [values for group in seeds if (values := self.values(group))]
-        return [math.fsum(values) / len(values) for values in by_seed]
+    def seed_means(self, results: Iterable[TaskResult]) -> dict[int, float]:
+        """Return the mean over the results that have this measure, by seed."""
+        seeds = grouped(results, "task.seed")
+        return {
+            seed: math.fsum(values) / len(values)
+            for seed in sorted(seeds)
+            if (values := self.values(seeds[seed]))
+        }
 
     def typical(self, results: Iterable[TaskResult]) -> Estimate | None:
         """Return the typical value of a seed, or the rate; None without any."""
         group = [result for result in results if self.of(result) is not None]
         if self.share and group:
             return success_rate((r.task.seed, bool(self.of(r))) for r in group)
-        means = self.seed_means(group)
+        means = [*self.seed_means(group).values()]
         return shift(means, [0.0] * len(means)) if means else None
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:

@@ -122,6 +122,12 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
         numbers = rounded(*(getattr(estimate, end, math.nan) for end in ends))
         return dict(zip(ends, numbers, strict=True))
 
+    def measured(name: str, episodes: Sequence[EpisodeResult]) -> dict[str, Any]:
+        measure = MEASURES[name]
+        means = measure.seed_means(episodes)
+        seeds = dict(zip(map(str, means), rounded(*means.values()), strict=True))
+        return interval(measure.typical(episodes)) | {"seeds": seeds}
+
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
     for name, levels in of_trials(results).items():
@@ -132,11 +138,7 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     "episodes": len(episodes),
                     "errors": sum(bool(e.error) for e in episodes if e.counts),
                     "lost": sum(e.lost for e in episodes),
-                    **{
-                        measure: interval(MEASURES[measure].typical(episodes))
-                        | {"seeds": rounded(*MEASURES[measure].seed_means(episodes))}
-                        for measure in trial.measures
-                    },
+                    **{m: measured(m, episodes) for m in trial.measures},
                 }
                 for policy, episodes in levels.get(level, {}).items()
             }

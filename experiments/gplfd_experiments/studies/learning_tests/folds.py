@@ -158,7 +158,7 @@ def learn(
     for name in _LOADED:
         getattr(scipy, name)
     # Left-out demonstrations end at the end of the others.
-    within = replace(method, beyond=0.0)
+    within = replace(method, pipeline=replace(method.pipeline, beyond=0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         movement, learning_s = cpu_seconds(lambda: within.learn(training))
