@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from gplfd_experiments.analysis.results import measures, statistics
-from gplfd_experiments.analysis.results.reading import StudyResults
+from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.trials import protocol
