@@ -110,8 +110,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path, monkeypatch, cap
     tutorial = json.loads((DOCS / "tutorials" / "your-policy.ipynb").read_text())
     cells = ["".join(cell["source"]) for cell in tutorial["cells"]]
     (feel,) = (cell for cell in cells if cell.startswith("%%writefile feel.py\n"))
-    (method,) = re.findall(r"```python
-([^`]*^make = Learner[^`]*)```", page, re.M)
+    (method,) = re.findall(r"```python\n([^`]*^make = Learner[^`]*)```", page, re.M)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "method.py").write_text(method)
     (tmp_path / "mine.py").write_text(snippet)

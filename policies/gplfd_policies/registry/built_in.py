@@ -84,21 +84,22 @@ DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=4
 """λ as published, and λ_c = N, with which the prior variance is that of the
 demonstrations; the published values are for letters in centimetres."""
 
+GP: Final = Learner(
+    summary="heteroscedastic Gaussian process",
+    fit=fit_skill,
+    accepts_prior_mean=True,
+    adaptation=ProcessAdaptation,
+    force_adaptation=ForceAdaptation,
+)
+"""The learner of this project."""
+
 LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
     {
-        "gp": Learner(
-            summary="heteroscedastic Gaussian process",
-            fit=fit_skill,
-            accepts_prior_mean=True,
-            adaptation=ProcessAdaptation,
-            force_adaptation=ForceAdaptation,
-        ),
-        "gp-homoscedastic": Learner(
+        "gp": GP,
+        "gp-homoscedastic": replace(
+            GP,
             summary="Gaussian process with one noise level for the whole motion",
             fit=partial(fit_skill, noise="homoscedastic"),
-            accepts_prior_mean=True,
-            adaptation=ProcessAdaptation,
-            force_adaptation=ForceAdaptation,
         ),
         "gp-paper": Learner(
             summary="the paper's Gaussian process (Kersting noise, product form)",

@@ -308,11 +308,9 @@ def make_agent(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
     policy = policy_named(name)
-    built_in = policy.origin is not None and policy.origin.kind == "built-in"
-    takes = policy.method is not None and policy.method.learner.accepts_prior_mean
-    if prior_mean is not None and built_in and not takes:
+    if prior_mean is not None and policy.kind == "reference":
         raise ValueError(
-            f"{name} does not accept a prior mean; another, such as gp, does"
+            f"{name} does not accept a prior mean; a learner, such as gp, does"
         )
     return as_agent(policy.make(training))
 

@@ -194,7 +194,10 @@ class Method:
         """
         prior_mean, learner = training.prior_mean, self.learner
         if prior_mean is not None and not learner.accepts_prior_mean:
-            raise ValueError("this method does not accept a prior mean")
+            raise ValueError(
+                f"{learner.summary} does not accept a prior mean; another learner, "
+                "such as gp, does"
+            )
         if not training.demonstrations:
             raise ValueError("no demonstrations were given; at least one is needed")
         pipeline = self.pipeline
