@@ -198,11 +198,12 @@ def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
     """
     answers = answers_of([STORED, *files])
     print(f"## All tracks\n\n{markdown_table(overview(answers))}\n")
-    others = markdown_table(overview(answers, pipelines=True))
-    print(f"## Other pipelines\n\n{others}\n")
+    if (others := overview(answers, pipelines=True)).rows:
+        print(f"## Other pipelines\n\n{markdown_table(others)}\n")
     for title, names in GROUPS.items():
-        table = markdown_table(leaderboard(answers, names))
-        print(f"## {title}\n\n{table}\n\n{separated(answers, names)}\n")
+        if standings(answers, names):  # Others are not run yet.
+            table = markdown_table(leaderboard(answers, names))
+            print(f"## {title}\n\n{table}\n\n{separated(answers, names)}\n")
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from gplfd_experiments.studies.sources import (
 )
 from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
+from gplfd_policies.agents.agent import shared_in_batch
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.registry.method import Policy
 
@@ -125,8 +126,18 @@ def _run(
             for task in tasks:
                 open_doors([task])
 
-    if able := [task for task in episodes if task.key not in results]:
-        open_doors(able)
+    # In one batch with agents of another kind, as those of several modes, all would be
+    # called one after the other.
+    batches: list[tuple[object, list[EpisodeTask]]] = []
+    for task in episodes:
+        if task.key not in results:
+            shared = shared_in_batch(learned[task.training_key]())
+            alike = next((tasks for kind, tasks in batches if kind == shared), None)
+            if alike is None:
+                batches.append((shared, alike := []))
+            alike.append(task)
+    for _, alike in batches:
+        open_doors(alike)
     return [results[task.key] for task in episodes]
 
 

@@ -305,14 +305,19 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
             "others pose and stiffness (their attribute control); make a batch of each"
         )
     alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
-    shared = [_shared(agent) for agent in alike]
+    shared = [shared_in_batch(agent) for agent in alike]
     if len(alike) == len(checked) and all(parts == shared[0] for parts in shared):
         return _VectorisedBatch(alike)
     return AgentBatch(checked)
 
 
-def _shared(agent: CompliantAgent) -> tuple[object, ...]:
-    """Return the part that the agents of a batch must share; arrays as bytes."""
+def shared_in_batch(agent: object) -> tuple[object, ...] | None:
+    """Return what agents that are computed together must share; arrays as bytes.
+
+    None for an agent that is called alone.
+    """
+    if not isinstance(agent, CompliantAgent):
+        return None
 
     def values(record: Any) -> list[Any]:
         return [getattr(record, entry.name) for entry in fields(record)]
