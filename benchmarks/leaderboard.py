@@ -4,6 +4,7 @@ Ranks the policies that took part in all trials of a track by the share of doors
 they opened, from trials.json, which `gplfd report` writes for `gplfd trials`.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -22,16 +23,7 @@ SMALLEST_SHARE: Final = 0.05
 """Smallest difference of shares of successes that counts."""
 PROTOCOL: Final = 10  # of the stored results
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
-GROUPS: Final[Mapping[str, Sequence[str]]] = {
-    **{f"Track {track}": names for track, names in TRACKS.items()},
-    "Disturbances, noise and delay": [
-        name
-        for name, trial in TRIALS.items()
-        if not trial.only_policies
-        and not any(name in names for names in TRACKS.values())
-    ],
-}
-"""Trials of each table by its title."""
+
 
 Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
@@ -144,9 +136,8 @@ def overview(answers: Answers, *, pipelines: bool = False) -> Table:
             shares.setdefault(policy, {})[track] = succeeded(numbers)
 
     rows = []
-    for policy in sorted(
-        shares, key=lambda p: (-len(shares[p]), -fmean(shares[p].values()), p)
-    ):
+    order = sorted(shares, key=lambda p: (-len(shares[p]), -fmean(shares[p].values())))
+    for policy in order:
         if len(tracks := shares[policy]) >= 2:
             cells = [
                 f"{tracks[track]:.2f}" if track in tracks else "–" for track in TRACKS
@@ -180,12 +171,13 @@ def separated(answers: Answers, names: Sequence[str]) -> str:
     apart = len(groups["more"]) + len(groups["less"])
     measures = known >= 0.9 and lead.estimate >= 0.15 and lead.low > 0.0 and apart >= 4
     verdict = "measure" if measures else "do not measure"
-    lead_text = " to ".join(f"{100 * end:+.0f}" for end in (lead.low, lead.high))
+    ends = " to ".join(f"{100 * end:+.0f}" for end in (lead.low, lead.high))
+    known_to = f"95 % interval {ends}" if math.isfinite(lead.low) else "few seeds"
     return (
         f"Compared with the mean of the demonstrations (signed ranks of {len(mean)} "
         f"seeds, Holm, 5 %, at least {100 * SMALLEST_SHARE:.0f} points), {text}. The "
         f"best learner, `{best}`, opens {100 * lead.estimate:+.0f} points more than "
-        f"the mean (95 % interval {lead_text}); `oracle` opens {known:.2f}. By the "
+        f"the mean ({known_to}); `oracle` opens {known:.2f}. By the "
         f"criteria of the protocol these doors {verdict} learners."
     )
 
@@ -200,10 +192,10 @@ def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
     print(f"## All tracks\n\n{markdown_table(overview(answers))}\n")
     if (others := overview(answers, pipelines=True)).rows:
         print(f"## Other pipelines\n\n{markdown_table(others)}\n")
-    for title, names in GROUPS.items():
+    for track, names in TRACKS.items():
         if standings(answers, names):  # Others are not run yet.
             table = markdown_table(leaderboard(answers, names))
-            print(f"## {title}\n\n{table}\n\n{separated(answers, names)}\n")
+            print(f"## Track {track}\n\n{table}\n\n{separated(answers, names)}\n")
 
 
 if __name__ == "__main__":

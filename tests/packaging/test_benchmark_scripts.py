@@ -132,7 +132,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
     # Its permutations take seconds, and the test above compares what it says.
     monkeypatch.setattr(leaderboard, "separated", lambda *_: "")
     stored = json.loads(leaderboard.STORED.read_text())["trials"]
-    for name in leaderboard.GROUPS["Track furniture"]:
+    for name in TRACKS["furniture"]:
         for policies in stored[name].values():
             if "oracle" in policies:  # not where there is a prior mean
                 policies["mine:make"] = {**policies["oracle"], "lost": 0}

@@ -24,7 +24,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     advance,
     gradient,
 )
-from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
+from gplfd_policies.demonstrations.turned_handle import turned_handle
 from gplfd_policies.movements.movement import GaussianTrajectory, Movement, ViaPoint
 
 _LEVEL: Final = [0, 2]  # indices of x and z, which depend on the size
@@ -52,7 +52,7 @@ class SimilarityAdaptation:
         if self._handle is not None:
             # The motion of the hand about the handle's axis does not scale with the
             # size.
-            aligned = seen_at(aligned, self._handle)
+            aligned = self._handle.seen(aligned)
             axes = self._handle.axis_positions(predicted.mean)
             self._apart = (predicted.mean - axes)[:, _LEVEL]
         model = SimilarityModel.of(aligned)

@@ -158,7 +158,26 @@ class ModesAgent:
         if last is not None and self._next != self._mode:
             self._rested = 0.0 if self._trail else self._rested + CONTROL_PERIOD
             if self._rested < _REST:
-                return self._decided(self._back_off(last))
+                if self._trail:  # one step back through the poses of the hand's path
+                    way = self._trail[-1] - self._target
+                    left = _length(self._trail[0] - self._target)
+                    stride = min(_STRIDE, _SLOWING * left + 0.1 * _STRIDE)
+                    distance = _length(way)
+                    if distance <= stride:
+                        self._target = self._trail.pop()
+                    else:
+                        self._target = self._target + stride / distance * way
+                back = replace(
+                    last,
+                    action=self._target + self._offset,
+                    desired=self._target,
+                    # The stiffness is held.
+                    std_rate=np.zeros(6),
+                    stiffness_rate=np.zeros(6),
+                    stability_margin=last.stability_margin + last.stiffness_rate,
+                    via_point=False,
+                )
+                return self._decided(back)
             self._mode, self._trail = self._next, [self._target]
             self.agents[self._mode].reset(observation)
             step = self.agents[self._mode].act(observation)
@@ -168,28 +187,6 @@ class ModesAgent:
             if _length(pose - self._trail[-1]) >= _STRIDE:
                 self._trail.append(pose)
         return self._decided(replace(step, action=step.action + self._offset))
-
-    def _back_off(self, last: AgentStep) -> AgentStep:
-        """Return the next step back through the poses of the hand's path."""
-        if self._trail:
-            way = self._trail[-1] - self._target
-            left = _length(self._trail[0] - self._target)
-            stride = min(_STRIDE, _SLOWING * left + 0.1 * _STRIDE)
-            distance = _length(way)
-            if distance <= stride:
-                self._target = self._trail.pop()
-            else:
-                self._target = self._target + stride / distance * way
-        return replace(
-            last,
-            action=self._target + self._offset,
-            desired=self._target,
-            # The stiffness is held.
-            std_rate=np.zeros(6),
-            stiffness_rate=np.zeros(6),
-            stability_margin=last.stability_margin + last.stiffness_rate,
-            via_point=False,
-        )
 
     def _decided(self, step: AgentStep) -> AgentStep:
         weights = np.exp(self._log_weights - self._log_weights.max())

@@ -285,18 +285,15 @@ class ReachingAgent:
         held = self._elapsed >= self._reach.duration + CLOSING
         if search is not None:
             held = search.stage == "held"
-        if held:
-            return self._open(observation)
-        self._elapsed += CONTROL_PERIOD
-        phase = np.array([min(self._elapsed / self._reach.duration, 1.0)])
-        pose, std = np.split(interpolated(phase, _GRID, self._path)[0], 2)
-        if search is not None:
-            pose = search.command(observation, pose)
-        stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
-        return AgentStep(action=pose, desired=pose, std=std, stiffness=stiffness)
-
-    def _open(self, observation: Observation) -> AgentStep:
-        """Return a step of the other agent, which begins where the hand holds."""
+        if not held:
+            self._elapsed += CONTROL_PERIOD
+            phase = np.array([min(self._elapsed / self._reach.duration, 1.0)])
+            pose, std = np.split(interpolated(phase, _GRID, self._path)[0], 2)
+            if search is not None:
+                pose = search.command(observation, pose)
+            stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
+            return AgentStep(action=pose, desired=pose, std=std, stiffness=stiffness)
+        # The other agent begins where the hand holds.
         begins, self._opens = not self._opens, True
         if begins and self._search is not None:
             self._grasp = np.array(observation["ee_pose"])

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.shapes import Complex, Float
+from gplfd_policies.arrays.shapes import Complex, Float, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _STEPS: Final = np.linspace(-2.5, 2.5, 31)
@@ -31,7 +31,6 @@ _STILL: Final = 1e-3
 """Root mean square displacement below which a motion has no size [m]."""
 
 Sizes = Float[np.ndarray, " C"]
-Phases = Float[np.ndarray, " M"]
 Likely = Float[np.ndarray, " K"]
 
 
@@ -68,12 +67,12 @@ class SimilarityModel:
     """
 
     config: SimilarityConfig
-    phases: Phases
+    phases: Times
     path: Complex[np.ndarray, " M"]
     """Mean path of the demonstrations with equal size and heading, complex [m]."""
-    lateral_std: Phases
+    lateral_std: Times
     """σ: standard deviation of demonstrations of equal size across the path [m]."""
-    lag: Phases
+    lag: Times
     """Standard deviation of demonstrations of equal size along the path [m]."""
     log_sizes: Sizes
     """Logarithms of the grid of sizes; 0 if the path shows no size."""
@@ -147,7 +146,7 @@ class SimilarityModel:
         )
 
     def at(
-        self, phases: Phases
+        self, phases: Times
     ) -> tuple[Complex[np.ndarray, " M"], Float[np.ndarray, " M"]]:
         """Return the mean path at phases, and σ over the distance to its start."""
         path: np.ndarray = np.interp(phases, self.phases, self.path)
@@ -334,7 +333,7 @@ class SizePosterior:
     """Factor on the variance of f, estimated from the innovations."""
 
     def forecast(
-        self, phases: Phases
+        self, phases: Times
     ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
         """Return the expected paths of the likely sizes at increasing phases.
 
@@ -440,7 +439,7 @@ def gradient(values: np.ndarray) -> np.ndarray:
     return slopes
 
 
-def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Phases:
+def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Times:
     """Return the standard deviation of a repetition, averaged along the task [m]."""
     count, width = len(deviations), 2 * _SMOOTHING + 1
     # Deviations from their own mean have one degree of freedom less.

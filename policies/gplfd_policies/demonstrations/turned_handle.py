@@ -136,6 +136,10 @@ class TurnedHandle:
             row[:3] = self.axis_displacement(row.tolist())
         return moved
 
+    def seen(self, aligned: AlignedDemonstrations) -> AlignedDemonstrations:
+        """Return demonstrations with positions of the axis instead of the hand."""
+        return replace(aligned, poses=self.axis_positions(aligned.poses))
+
 
 def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
     """Find the handle that demonstrations turn first; None for a bar.
@@ -179,13 +183,6 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         opens = float(aligned.times[int(np.argmax(moved))])
         return replace(handle, travel=float(np.mean(furthest)), opens=opens)
     return None
-
-
-def seen_at(
-    aligned: AlignedDemonstrations, handle: TurnedHandle
-) -> AlignedDemonstrations:
-    """Return the demonstrations with positions of the handle's axis, not the hand."""
-    return replace(aligned, poses=handle.axis_positions(aligned.poses))
 
 
 def _quaternion(rotation: Sequence[float]) -> Quaternion:

@@ -176,11 +176,8 @@ class Replicates:
     def log_remainder(self, noise_variance: Curve) -> float:
         """The part of log p(Y) that does not depend on the kernel."""
         free = self.count - 1
-        terms = (
-            -0.5 * free * np.log(2.0 * np.pi * noise_variance)
-            - 0.5 * np.log(self.count)
-            - 0.5 * self.within / noise_variance
-        )
+        terms = -0.5 * free * np.log(2.0 * np.pi * noise_variance)
+        terms = terms - 0.5 * np.log(self.count) - 0.5 * self.within / noise_variance
         return float(np.sum(terms))
 
     def condition_in(

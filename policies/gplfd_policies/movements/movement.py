@@ -397,12 +397,7 @@ class FittedMovement(LearnedMovement):
     predictor: Any
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution at phases ``times``.
-
-        Raises:
-            ValueError: if the predictor returns neither a trajectory nor a mean and a
-                standard deviation of shape (M, 6).
-        """
+        """The distribution at phases ``times``; raises ValueError without them."""
         prediction = self.predictor.predict(times)
         if isinstance(prediction, GaussianTrajectory):
             return prediction

@@ -81,14 +81,12 @@ class PosePath:
     def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases."""
         within = np.clip(times, self.phases[0], self.phases[-1])
-        poses: np.ndarray = self._curve(within)
-        return poses
+        return np.asarray(self._curve(within))
 
     def rate(self, times: Times) -> Outputs:
         """Derivative of the poses, per unit phase; zero beyond the ends."""
         within = (times >= self.phases[0]) & (times <= self.phases[-1])
-        rate: np.ndarray = np.where(within[:, None], self._curve(times, nu=1), 0.0)
-        return rate
+        return np.where(within[:, None], self._curve(times, nu=1), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

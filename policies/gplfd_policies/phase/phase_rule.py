@@ -29,11 +29,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     normalised,
     size_and_heading,
 )
-from gplfd_policies.demonstrations.turned_handle import (
-    TurnedHandle,
-    seen_at,
-    turned_handle,
-)
+from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.movements.movement import Predictor
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
@@ -203,7 +199,7 @@ class PathPhase:
             )
         handle, means = turned_handle(aligned), prediction.mean
         if handle is not None:
-            aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
+            aligned, means = handle.seen(aligned), handle.axis_positions(means)
             split = map(handle.swing_twist, means[:, 3:].tolist())
             leaves, turns = zip(*split, strict=True)
             # That the handle goes back is the policy's own doing.
@@ -335,12 +331,7 @@ class PathPhase:
     def _nearest(
         self, cost: Float[np.ndarray, " W"], error: Float[np.ndarray, " _"], first: int
     ) -> tuple[float, float, float]:
-        """Return the phase of least cost, between grid points, its std and misfit.
-
-        They follow from a parabola through the least cost and its neighbours; if a
-        neighbour lies outside the search, which begins at grid point `first`, the phase
-        is the grid point and the standard deviation the largest.
-        """
+        """Return phase, std and misfit at the vertex of a parabola, or at the edge."""
         largest = self.settings.largest_std
         best = int(cost.argmin())
         point = _POINTS[min(max(first + best, 0), _GRID.size - 1)]

@@ -220,7 +220,7 @@ class Method:
             # Learning of the motion has already warned about too few demonstrations.
             warnings.simplefilter("ignore", UserWarning)
             learned = as_movement((learner.fit_forces or fit)(forces), forces)
-        return replace(movement, forces=learned)
+            return replace(movement, forces=learned)
 
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
         """Learn a movement of every mode of the demonstrations, the largest mode first.
@@ -327,11 +327,10 @@ class Method:
     def completed(self, movement: Movement, correction: Correction) -> Demonstration:
         """Return the motion of a correction, continued by the expected movement.
 
-        A whole motion becomes a demonstration, because a permanent via-point would bend
-        the movement at all doors. The movement observes the motion as in an episode: it
-        is conditioned on via-points at the estimated phases of the hand, with the noise
-        of the led hand. If the motion ends before the demonstrations, the conditioned
-        mean follows, displaced to begin at the last pose, with the last wrench.
+        A permanent via-point would bend the movement at all doors, a whole motion does
+        not. The movement observes it as in an episode: it is conditioned on via-points
+        at the estimated phases, with the noise of the led hand. If the motion ends
+        early, the conditioned mean follows from its last pose, with its last wrench.
         """
         config = replace(self.pipeline.config, via_std=correction.std)
         following = replace(self, pipeline=replace(self.pipeline, config=config))

@@ -12,6 +12,7 @@ lasting lateral force becomes zero instead of being balanced.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -250,6 +251,17 @@ class CompliantSetPoint:
         return AgentStep(action=action, desired=desired, stiffness=_STIFFNESS, **fields)
 
 
+class StartedAgent(ABC):
+    """An agent that begins at the closed door when it is made, as after a reset."""
+
+    def __init__(self) -> None:
+        self.reset({})
+
+    @abstractmethod
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+
+
 _PULL_WRENCH: Final = np.array([16.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 """Constant wrench that pulls the set-point away from the door [N, N m]. Tuned."""
 _LEAD: Final = 0.015
@@ -259,11 +271,8 @@ _SPEED: Final = 0.12
 """Speed of the set-point that moves in the last direction [m/s]. Tuned."""
 
 
-class CompliantPullAgent:
+class CompliantPullAgent(StartedAgent):
     """Pulls straight back with a constant force and yields to everything else."""
-
-    def __init__(self) -> None:
-        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
@@ -275,11 +284,8 @@ class CompliantPullAgent:
         return self._set_point.step(np.zeros(6), wrench + _PULL_WRENCH)
 
 
-class ChordAgent:
+class ChordAgent(StartedAgent):
     """Commands a point ahead of the hand, in the direction of its last displacement."""
-
-    def __init__(self) -> None:
-        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
@@ -299,11 +305,8 @@ class ChordAgent:
         return AgentStep(action=self._action)
 
 
-class ReflexAgent:
+class ReflexAgent(StartedAgent):
     """Moves in the direction of the last displacement; yields to forces across it."""
-
-    def __init__(self) -> None:
-        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
@@ -328,15 +331,12 @@ _ANGULAR_ACCELERATION: Final = 0.125
 """Angular acceleration and deceleration [rad/s²]. Tuned."""
 
 
-class HingeFitAgent:
+class HingeFitAgent(StartedAgent):
     """Finds the hinge while it opens the door, and follows the circle about it.
 
     The hand moves along the circle estimated from its path so far and turns with the
     angle. It yields to every force except the door's resistance along the path.
     """
-
-    def __init__(self) -> None:
-        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""

@@ -40,6 +40,7 @@ from gplfd_policies.agents.model_based.following import (
     CirclePrior,
     CompliantSetPoint,
     HandPath,
+    StartedAgent,
     accelerated,
 )
 from gplfd_policies.arrays.rows import PerRow
@@ -205,7 +206,7 @@ _ACCELERATION: Final = 0.06
 """Acceleration and deceleration of the set-point [m/s²]. Tuned."""
 
 
-class MechanismFitAgent:
+class MechanismFitAgent(StartedAgent):
     """Finds the mechanism while it opens the door, and follows the most probable one.
 
     As in `HingeFitAgent`, the hand yields to every force except the door's resistance
@@ -214,9 +215,6 @@ class MechanismFitAgent:
     ends at 67° from the closed door, like the demonstrations. Otherwise the set-point
     moves on until the load rule stops it.
     """
-
-    def __init__(self) -> None:
-        self.reset({})
 
     def _begin(self, guess: int) -> None:
         """Try a direction from the closed door."""

@@ -53,9 +53,6 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 _SHRINKAGE: Final = 1e-6
 """Shrinkage of the pooled correlations to zero, because outputs may be proportional."""
 
-LogLikelihood = Callable[[np.ndarray], float]
-"""x (N,) → log p(y | x), minus infinity where it is impossible."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartGPConfig(Quantities):
@@ -181,7 +178,7 @@ class WishartLikelihood:
 
 
 def elliptical_slice_chain(
-    log_likelihood: LogLikelihood,
+    log_likelihood: Callable[[np.ndarray], float],  # -inf where impossible
     start: Float[np.ndarray, " N"],
     steps: int,
     rng: np.random.Generator,
