@@ -179,7 +179,7 @@ REFUSED = [
     ("correct none.npz --port 70000 --device mouse", "--port 70000 must be 0 to"),
     ("figures --only fig02 fig08", "no figure 'fig08'; figures: fig02, fig03, fig"),
     ("benchmark --policies table-1 gp", "gp is given twice in --policies"),
-    ("benchmark --seeds 1000000000", "90,000,000,000 tasks are more than the 100,0"),
+    ("benchmark --seeds 1000000000", "99,000,000,000 tasks are more than the 100,0"),
     ("run --demonstrations-per-door 9999", "door 9999 must be 1 to 1000"),
     ("demos record --randomization detector", "approach"),
     ("demos record --doors small room-834 --policy oracle", "record two data sets"),

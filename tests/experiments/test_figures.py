@@ -1,6 +1,7 @@
 """What each figure shows, against its data; drawing simulates nothing."""
 
 import functools
+import itertools
 import json
 import re
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ from scipy.stats import f as fisher
 
 from gplfd_experiments.analysis.figures import learned, openings, style, synthetic
 from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
-from gplfd_experiments.analysis.figures.openings import decisions, expectation
+from gplfd_experiments.analysis.figures.openings import expectation
 from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
@@ -104,16 +105,24 @@ def test_the_user_s_configuration_of_matplotlib_changes_nothing(tmp_path):
 def test_agents_of_a_log_decide_the_same_again(opened):
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
-    repeated = decisions(log, agent)
     names = ("action", "std", "stiffness", "predicted_mean", "predicted_std")
-    for row, time in enumerate(log.times[:300]):
-        for forecast in log.forecasts.mean[log.forecasts.times == time]:
+    rows = itertools.count()
+
+    def act_and_compare(observation):
+        row = next(rows)
+        for forecast in log.forecasts.mean[log.forecasts.times == log.times[row]]:
             np.testing.assert_array_equal(expectation(agent).mean, forecast)
-        decision = next(repeated)
+        decision = act(observation)
         for name in names:
             found, expected = getattr(decision, name), getattr(log.decisions, name)[row]
             np.testing.assert_array_equal(found, expected)
         assert decision.via_point == log.decisions.via_point[row]
+        return decision
+
+    act = agent.act
+    compared = {"act": act_and_compare, "forecast": agent.forecast}
+    openings.reviewed(log, SimpleNamespace(reset=agent.reset, **compared), ())
+    assert next(rows) == log.times.size
     silent = make_agent("oracle", opened.demonstrations.demonstrations)
     with pytest.raises(ValueError, match="makes no forecasts"):
         expectation(silent)

@@ -148,7 +148,7 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
         ("a.txt", "a.txt must end in .csv, .tum, .bag, .json; or give --form"),
         ("a.csv --rate nan", "--rate nan must be 20 to 1000"),
         ("a.csv --frame 0,0,0,1,1,1,1", "--frame and --tool: quaternions[0] has norm"),
-        ("a.csv --policy gp-paper", "does not; learn it again"),
+        ("a.csv --policy gp-paper@published", "does not; learn it again"),
         ("folder.bag", "folder.bag exists and is no bag"),
         ("a.csv --door small", "--door goes with --robot"),
     ],

@@ -1,5 +1,6 @@
 """Run a job: learn once, open all its doors in lockstep, or do a learning test."""
 
+import contextlib
 import errno
 import math
 import traceback
@@ -77,7 +78,8 @@ def _run(
 ) -> list[Result]:
     """Run a job in this process, with time limits of its learnings and steps."""
     # In the process of a user's policy, an interruption is the policy's, too.
-    errors = (Exception, SystemExit) if job[0].policy_source is None else BaseException
+    users = job[0].policy_source is not None
+    errors = (BaseException,) if users else (Exception, SystemExit)
     policy: Policy | None = None
     try:
         policy = policy_of(job[0], files)
@@ -127,11 +129,14 @@ def _run(
                 open_doors([task])
 
     # In one batch with agents of another kind, as those of several modes, all would be
-    # called one after the other.
+    # called one after the other. Agents that learn when they are made are made once.
     batches: list[tuple[object, list[EpisodeTask]]] = []
     for task in episodes:
         if task.key not in results:
-            shared = shared_in_batch(learned[task.training_key]())
+            shared = None
+            if policy.method is not None:
+                with contextlib.suppress(*errors):  # `open_doors` reports it
+                    shared = shared_in_batch(learned[task.training_key]())
             alike = next((tasks for kind, tasks in batches if kind == shared), None)
             if alike is None:
                 batches.append((shared, alike := []))

@@ -296,7 +296,7 @@ class _LoadLearner(Load):
 
         # Compensated: at most r̂, and the force that the remaining stiffness can hold.
         lag = np.maximum(-_along(direction, contact.displacement), 0.0)
-        std = np.asarray(lag)[..., None]
+        std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
         stiffness = self._profile.stiffness(std, rows=rows)[..., :3]
         reserve = gain * rule.reach * _along(direction, stiffness * direction)
         bound: PerRow = np.minimum(expected, np.maximum(reserve, learned * expected))
