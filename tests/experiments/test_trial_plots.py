@@ -15,6 +15,7 @@ from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
 FORCE = "person_force_peak"
 POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp@constant-100": 50.0}
+POLICIES["oracle"] = 60.0
 TRIAL = TRIALS["person"]
 
 
@@ -67,9 +68,9 @@ def test_rows_are_those_of_the_table_with_its_numbers(levels):
     assert table[0] == "**holds the hand**"
     for axes, level in zip(figure.axes, runs, strict=True):
         assert axes.get_title(loc="left") == level
-        assert rows_of(axes) == ["kmp", "gp", "hinge-fit", "gp@constant-100"]
+        assert rows_of(axes) == [*POLICIES]
     top, bottom = figure.axes
-    assert [name.split("`")[1] for name in table[1:5]] == rows_of(top)
+    assert [name.split("`")[1] for name in table[1:6]] == rows_of(top)
     dots, interval, mark = drawn(top, 1)
     episodes = runs["holds the hand"]["gp"]
     typical = MEASURES[FORCE].typical(episodes)
@@ -77,12 +78,12 @@ def test_rows_are_those_of_the_table_with_its_numbers(levels):
     assert interval.tolist() == [typical.low, typical.high]
     assert mark.tolist() == [typical.estimate]
     bold = [label.get_weight() == "bold" for label in top.get_yticklabels()]
-    assert bold == [False, True, False, False]
+    assert bold == [policy == "gp" for policy in POLICIES]
     assert top.get_xlabel() == "" != bottom.get_xlabel()
     # Kinds of policies are told apart by their marks.
-    assert len({line.get_marker() for line in single(top)[-4:]}) == 3
+    assert len({line.get_marker() for line in single(top)[-5:]}) == 4
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["learns", "lacks an idea", "learns nothing"]
+    assert names == ["learns", "another pipeline", "learns nothing", "knows the door"]
 
 
 def test_a_wide_range_is_logarithmic_and_who_has_no_number_says_so(levels):
@@ -92,7 +93,7 @@ def test_a_wide_range_is_logarithmic_and_who_has_no_number_says_so(levels):
     axes = deciding_numbers(levels(kmp=[None] * 8), FORCE, "gp").axes[0]
     assert rows_of(axes)[-1] == "kmp"
     assert [text.get_text() for text in axes.texts] == ["no number"]
-    assert drawn(axes, 3) == []
+    assert drawn(axes, 4) == []
 
 
 def answer(policy, low, high, measure=FORCE):

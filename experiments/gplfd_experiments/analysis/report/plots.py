@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.document import kind_of
+from gplfd_experiments.analysis.report.document import TOLD, kind_of
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
@@ -43,8 +43,9 @@ _TEXT: Final[Look] = {"color": style.MARK, "va": "center"}
 _HOLLOW: Final[Look] = {"color": style.MARK, "mfc": "white"}
 _KINDS: Final[Mapping[str, tuple[str, Look]]] = {
     "method": ("learns", {**_DOT, "color": style.DOORS[1]}),
-    "ablation": ("lacks an idea", {"marker": "D", "color": style.AXIS_X}),
+    "ablation": ("another pipeline", {"marker": "D", "color": style.AXIS_X}),
     "reference": ("learns nothing", {"marker": "s", **_HOLLOW}),
+    TOLD: ("knows the door", {"marker": "*", **_HOLLOW}),
     "own": ("own policy", {"marker": "^", "color": style.TRUTH}),
 }
 _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
