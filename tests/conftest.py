@@ -164,7 +164,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_collection_finish() -> None:
-    gc.freeze()
+    # Not frozen: Hypothesis asks who refers to an object, which hides what is frozen.
     gc.enable()
 
 
