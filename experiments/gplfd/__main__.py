@@ -1,6 +1,7 @@
 """The command ``gplfd``: exit status 2 in the small installation, 130 after Ctrl-C."""
 
 import os
+import signal
 import sys
 
 
@@ -9,6 +10,8 @@ def main() -> int:
     for stream in filter(None, (sys.stdout, sys.stderr)):
         # An ASCII terminal gets escapes instead of an error.
         stream.reconfigure(errors="backslashreplace")
+    # `kill` and `timeout` end a study as Ctrl-C does: with its worker processes.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from gplfd_experiments.cli.main import main as run
 

@@ -155,8 +155,10 @@ def files(out: Path) -> list[Path]:
 
 
 @pytest.mark.usefixtures("policies_here")
-def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
+@pytest.mark.parametrize("interrupt", ["a terminal does", "kill does"])
+def test_a_study_that_was_interrupted_goes_on(interrupt, tmp_path, monkeypatch):
     monkeypatch.setattr(tasks, "TOGETHER", 1)
+    monkeypatch.delitem(sys.modules, "waiting", raising=False)
     monkeypatch.chdir(tmp_path)
     Path("waiting.py").write_text(WAITING)
     Path("allowed").write_text("1")
@@ -172,7 +174,10 @@ def test_a_study_that_was_interrupted_goes_on(tmp_path, monkeypatch):
         assert process.poll() is None
         assert time.monotonic() < until
         time.sleep(0.02)
-    os.killpg(process.pid, signal.SIGINT)  # what a terminal does
+    if interrupt == "kill does":
+        process.terminate()
+    else:  # It tells all processes.
+        os.killpg(process.pid, signal.SIGINT)
     # Ends when the last process that could write has ended: the workers, too.
     _, printed = process.communicate(timeout=300.0)
     assert process.returncode == 130
