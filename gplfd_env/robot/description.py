@@ -28,6 +28,7 @@ PAD_BEHIND: Final = 0.02
 """How far the middle of a finger pad is behind the grasped point [m]."""
 
 _PAD: Final = (0.01, 0.04, 0.08)  # Thickness, width and length of a finger pad [m].
+_HEAVIEST: Final = 1e4  # Greatest mass of a link [kg].
 # Names of bodies and joints in a scene that are not those of an arm.
 _TAKEN: Final = re.compile(
     "world|motors|door(_frame)?|handle|bolt|hinge|along|out|coordinate|"
@@ -82,6 +83,30 @@ def read_urdf(path: str) -> Any:
     return _read(path, Path(path).read_bytes())[0]
 
 
+def _check_tree(tree: ET.Element) -> None:
+    """Raise unless joints connect the links of a URDF to a tree."""
+    names = [str(link.get("name")) for link in tree.findall("link")]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"several links are called {min(twice)}")
+    parents: dict[str, str] = {}
+    for joint in tree.findall("joint"):
+        ends = [joint.find(end) for end in ("parent", "child")]
+        parent, child = ("" if e is None else e.get("link", "") for e in ends)
+        if unknown := {parent, child} - {*names}:
+            raise ValueError(
+                f"joint {joint.get('name')} joins {min(unknown)!r}, no link"
+            )
+        if child in parents:
+            raise ValueError(f"link {child} is the child of several joints")
+        parents[child] = parent
+    for link in names:
+        above = [link]
+        while above[-1] in parents and len(above) <= len(names):
+            above.append(parents[above[-1]])
+        if len(above) > len(names):
+            raise ValueError(f"its joints form a loop through the link {link}")
+
+
 @lru_cache(maxsize=8)
 def _read(path: str, content: bytes) -> tuple[Any, str]:
     """Return a URDF as yourdfpy's object and as text, both with prefixed names."""
@@ -89,6 +114,9 @@ def _read(path: str, content: bytes) -> tuple[Any, str]:
 
     try:
         tree = ET.fromstring(content)
+        if any("xacro" in element.tag for element in tree.iter()):
+            raise ValueError("it is a xacro file; `xacro FILE > arm.urdf` makes a URDF")
+        _check_tree(tree)
         for element in tree.iter():
             for attribute in ("name", "link", "joint"):
                 if element.tag != "visual" and attribute in element.attrib:
@@ -185,6 +213,8 @@ def _mend_inertias(tree: ET.Element, urdf: Any, robot: RobotConfig, file: str) -
         name, inertial = str(link.get("name")), link.find("inertial")
         stated = urdf.link_map[name].inertial
         mass = (stated and stated.mass) or 0.0
+        if mass > _HEAVIEST:
+            raise ValueError(f"link {name} has a mass of {mass:g} kg")
         inertia = np.zeros((3, 3))
         if stated is not None and stated.inertia is not None:
             inertia = stated.inertia

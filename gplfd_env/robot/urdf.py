@@ -280,11 +280,16 @@ def _limits(
     if unknown := replaced.keys() - joints:
         raise ValueError(f"{what} names {min(unknown)}, no joint of the arm")
     stated = {name: getattr(joint.limit, what, 0) for name, joint in joints.items()}
-    without = [n for n, limit in (stated | replaced).items() if not (limit or 0) > 0]
+    most = 1e5 if what == "effort" else 1e3  # More than any arm has.
+    without = [
+        name
+        for name, limit in (stated | replaced).items()
+        if not 0.0 < (limit or 0.0) <= most
+    ]
     if without:
         raise ValueError(
-            f"{file}: 0 or nothing would mean no limit; write in <limit>, or give the "
-            f"{what} of {', '.join(without)} (in a .json: "
+            f"{file}: 0, nothing, or more than {most:g} {unit} would mean no limit; "
+            f"write in <limit>, or give the {what} of {', '.join(without)} (.json: "
             f'"{what}": {{"{without[0]}": ...}}, or one number for all, {unit})'
         )
     for name, joint in joints.items():

@@ -258,6 +258,55 @@ def test_the_arm_is_what_lies_before_its_gripper(tmp_path, added, tool, warning)
     assert f"the generic gripper on {tool}" in chosen(robot)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('effort="150"', 'effort="0"', "would mean no limit; write in <limit>"),
+        ('effort="150"', 'effort="inf"', "more than 100000 N m would mean no limit"),
+        ('effort="150"', 'effort="1e12"', "more than 100000 N m would mean no limit"),
+        ('effort="150"', 'effort="nan"', "would mean no limit"),
+        (
+            'velocity="3.',
+            'velocity="9999993.',
+            "more than 1000 rad/s would mean no limit",
+        ),
+        (
+            "</robot>",
+            '<link name="tool0"/></robot>',
+            "several links are called tool",
+        ),
+        (
+            "</robot>",
+            '<joint name="back" type="fixed"><parent link="tool0"/><child link="far"/>'
+            "</joint></robot>",
+            "joint back joins 'far', no link",
+        ),
+        (
+            "</robot>",
+            '<joint name="loop" type="fixed"><parent link="tool0"/>'
+            '<child link="base_link"/></joint></robot>',
+            "its joints form a loop through the link",
+        ),
+        (
+            "</robot>",
+            attached("x", "fixed", "tool0", "x", mass=1e30) + "</robot>",
+            "1e",
+        ),
+        ("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', None),
+    ],
+)
+def test_a_description_that_cannot_be_meant_is_refused(tmp_path, old, new, message):
+    text = UR5E.read_text()
+    assert old in text
+    path = described(tmp_path, text.replace(old, new))
+    if message is None:  # A name space alone is no xacro; a tag of it is.
+        robot_of_urdf(path)
+        path.write_text(path.read_text().replace("</robot>", "<xacro:if/></robot>"))
+        message = "it is a xacro file"
+    with pytest.raises(ValueError, match=message):
+        robot_of_urdf(path)
+
+
 def test_limits_of_a_json_replace_those_of_the_urdf(tmp_path):
     described(tmp_path, UR5E.read_text().replace('effort="150"', 'effort="0"'))
     file = tmp_path / "arm.json"
