@@ -149,6 +149,28 @@ def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):
     assert prior.mean(np.array([9.0]))[0, 4] == pytest.approx(np.radians(67.0))
 
 
+def test_agents_that_are_computed_together_share_a_batch(opened):
+    """Those of two kinds of demonstrations try one after the other, and act alone."""
+    kinds: Any = {"demonstrated_radii": (0.4, 0.6, 0.4, 0.6)}
+    kinds["demonstrated_hardware"] = ({}, {}, {"swing": "push"}, {"swing": "push"})
+    several = [task("gp", door, **kinds) for door in (0.42, 0.58)]
+    alike = [task("gp", 0.35), task("gp", 0.5)]
+    results = run_job((alike[0], *several, alike[1]))
+    assert [call["doors"] for call in opened] == [["0.35", "0.5"], ["0.42", "0.58"]]
+    assert [result["task"]["door"] for result in results] == [
+        *("0.35", "0.42", "0.58", "0.5")
+    ]
+
+
+def test_a_policy_without_a_method_learns_once_per_door(opened, monkeypatch):
+    oracle = registry.policy_named("oracle")
+    make = mock.Mock(side_effect=oracle.make)
+    changed = {"oracle": dataclasses.replace(oracle, make=make)}
+    monkeypatch.setattr(registry, "POLICIES", changed)
+    run_job((task("oracle", 0.35), task("oracle", 0.5)))
+    assert make.call_count == 2
+
+
 def test_one_doors_error_leaves_the_others_alone(opened):
     results = run_job(tuple(task("oracle", door) for door in (0.35, 0.65, 0.5)))
     assert [result.get("error") for result in results] == [

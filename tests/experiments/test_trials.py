@@ -237,6 +237,18 @@ def test_the_command_runs_a_part_and_goes_on(
     assert main(["trials", "--trials", "stops"]) == 2
 
 
+def test_a_seed_has_its_own_number_whatever_the_order(write_study, episode_result):
+    """Results are read in the order of radii, which are drawn, and of files."""
+    force, values = "stop_force_sustained", [float(number) for number in range(6)]
+    results = outcomes(episode_result, "gp", values, force)
+    for number, result in enumerate(results):
+        result["metrics"]["radius"] = 0.9 - 0.1 * number
+    answers = trial_answers(read_results(write_study(results[::-1])))
+    seeds = answers["trials"]["stop"]["stop"]["gp"][force]["seeds"]
+    assert seeds == {str(number): float(number) for number in range(6)}
+    assert [*seeds] == sorted(seeds)
+
+
 @functools.cache
 def stored(policy: str) -> str:
     """The results of a whole trial by one policy, without running it, as JSON."""

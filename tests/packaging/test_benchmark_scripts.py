@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -121,10 +122,35 @@ def test_the_page_has_what_the_script_prints(capsys, monkeypatch):
     """Of the comparisons with the mean, whose tests take seconds, that of one table."""
     page = (ROOT / "docs" / "leaderboard.md").read_text()
     answers = leaderboard.answers_of([leaderboard.STORED])
+    overview = leaderboard.markdown_table(leaderboard.overview(answers))
+    assert f"\n\n{overview}\n\n" in (ROOT / "README.md").read_text()
     assert f"\n\n{leaderboard.separated(answers, TRACKS['other motions'])}\n\n" in page
     monkeypatch.setattr(leaderboard, "separated", lambda *_: "SEPARATED")
     page = re.sub(r"^Compared with the mean .*", "SEPARATED", page, flags=re.MULTILINE)
     assert f"\n\n{printed(capsys)}\n\n" in page
+
+
+@pytest.mark.parametrize(
+    ("gain", "separated", "oracle", "measures"),
+    [
+        (0.2, 4, 0.9, True),
+        (0.1, 4, 0.9, False),
+        (0.2, 3, 0.9, False),
+        (0.2, 4, 0.8, False),
+    ],
+)
+def test_the_criteria_of_the_protocol_decide(gain, separated, oracle, measures):
+    shares = {"oracle": oracle, "mean": 0.5}
+    shares |= {name: 0.5 + gain for name in ("gp", "gmr", "kmp", "dmp")[:separated]}
+    each: Any = {}
+    for policy, share in shares.items():
+        seeds = {str(seed): share + 0.001 * seed for seed in range(10)}
+        measure = {"estimate": share, "seeds": seeds}
+        measures_of = dict.fromkeys(("success", "force_handle_peak"), measure)
+        each[policy] = {"lost": 0, **measures_of}
+    answers = {"motions": dict.fromkeys(TRIALS["motions"].levels, each)}
+    text = leaderboard.separated(answers, ["motions"])
+    assert text.endswith("doors measure learners.") is measures
 
 
 def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,16 @@ from numpy.testing import assert_array_equal
 
 from gplfd_policies import (
     POLICIES,
+    Learner,
     Method,
     PolicyOrigin,
+    TrainingInput,
     load_policy,
     make_agent,
     policy_named,
 )
 from gplfd_policies.registry import catalogue
+from gplfd_policies.registry.built_in import in_pipeline
 from gplfd_policies.registry.catalogue import packaged_summaries
 
 MODULE = '''
@@ -70,6 +74,35 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.parametrize(
+    ("prediction", "message"),
+    [
+        (None, "must return a GaussianTrajectory, or mean and standard deviation"),
+        (np.zeros((3, 6)), r"of shape \(2, 6\)"),
+        ((np.zeros((2, 6)), np.zeros((2, 3))), r"of shape \(2, 6\)"),
+        ((np.full((2, 6), np.nan), np.zeros((2, 6))), "with a finite mean"),
+    ],
+)
+def test_a_learner_predicts_a_mean_and_a_standard_deviation(
+    prediction, message, demonstrations
+):
+    def fit(aligned):
+        return SimpleNamespace(predict=lambda phases: prediction)
+
+    training = TrainingInput(demonstrations=demonstrations)
+    movement = Method(learner=Learner(fit=fit)).learn(training)
+    phases = np.array([0.2, 0.4])
+    with pytest.raises(ValueError, match=message):
+        movement.predict(phases)
+    curves = np.array([[0.1] * 6, [0.3] * 6])
+    prediction = curves, 0.1 * curves
+    trajectory = movement.predict(phases)
+    assert_array_equal(trajectory.std, 0.1 * curves)
+    np.testing.assert_allclose(trajectory.mean_rate, 1.0)
+    with pytest.raises(ValueError, match="returned a float; it must return an object"):
+        Method(learner=Learner(fit=lambda aligned: 1.0)).learn(training)
+
+
 @pytest.mark.parametrize("name", ["mine:make", "./mine.py:make"])
 def test_a_function_in_a_file_is_a_policy(name, folder, demonstrations):
     policy = policy_named(name)
@@ -92,17 +125,29 @@ def test_classes_methods_and_helpers_beside_a_module_are_found(folder):
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "best.py").write_text("from mine import make\nimport mine\n")
+    here = folder / "a@b"
+    here.mkdir()
+    (here / "hers.py").write_text(MODULE)
     for name, summary, is_method in (
         ("mine:Still", "Stays at the closed handle.", False),
         ("mine:method", "method of mine (", True),
         ("mine:policy", "as it says", True),
         ("mine:learner", "as it says, too", True),
         ("mine:learner@no-size", "as it says, too; infers no size", True),
+        (f"{here}/hers.py:make", "Stay where", False),
         ("laboratory.best:mine.Still", "Stays at the closed handle.", False),
     ):
         policy = policy_named(name)
         assert policy.summary.startswith(summary)
         assert isinstance(policy.method, Method) is is_method
+
+
+def test_parts_of_a_pipeline_are_joined(folder):
+    pipeline = policy_named(
+        "mine:learner@no-size+no-modes+carried-load"
+    ).method.pipeline
+    expected = in_pipeline("gp", POLICIES["gp"], "carried-load").method.pipeline
+    assert pipeline == dataclasses.replace(expected, size_inference=None, modes=None)
 
 
 @pytest.mark.parametrize(
