@@ -90,8 +90,9 @@ def numbers(names: str) -> Callable[[str], Any]:
     return read
 
 
-def _columns(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
+_COLUMNS: Final = of_text(
+    "t,x,y,z,...", lambda text: tuple(map(str.strip, text.split(",")))
+)
 
 
 def _segments(text: str) -> Any:
@@ -121,7 +122,7 @@ class ImportSettings:
 
     body: _Name = None
     """Moving object: a segment, joint, one or three markers, topic, or array."""
-    columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _columns)] = ()
+    columns: Annotated[tuple[str, ...], _COLUMNS] = ()
     """Names of the columns of a table without a header, in order, with - for a column
     to ignore, or NAME=HEAD for some of a header or of arrays; known names are t, x, y,
     z, qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""

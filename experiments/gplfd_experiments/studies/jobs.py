@@ -83,9 +83,20 @@ def _run(
     policy: Policy | None = None
     try:
         policy = policy_of(job[0], files)
-        if not isinstance(job[0], EpisodeTask):
-            metrics = _learning_metrics(job[0], policy, recordings)
-            return [{**_origin(job[0]), "metrics": _plain(metrics)}]
+        if not isinstance(test := job[0], EpisodeTask):
+            if (method := policy.method) is None:
+                raise ValueError(
+                    f"policy {test.policy!r} learns no movement, so there is nothing "
+                    "to measure"
+                )
+            if isinstance(test, SkillTask):
+                names = ["seed", "demonstrations_per_door", "teacher"]
+                names += ["demonstrated_forces", "held_out"]
+                options = {name: getattr(test, name) for name in names}
+                metrics = method_metrics(method, **options)
+            else:
+                metrics = recorded_metrics(method, recordings, test.seed)
+            return [{**_origin(test), "metrics": _plain(metrics)}]
     except errors as error:
         return [_error_result(task, error, policy) for task in job]
     episodes = [task for task in job if isinstance(task, EpisodeTask)]
@@ -160,21 +171,6 @@ def episode_log(task: EpisodeTask) -> EpisodeLog:
     make = learned_agents(task, policy_of(task, NO_FILES))
     (log,) = open_together([task], [make()], forecast_period=FORECAST_PERIOD)
     return log
-
-
-def _learning_metrics(
-    task: Task, policy: Policy, recordings: Sequence[Demonstration]
-) -> Mapping[str, Any]:
-    method = policy.method
-    if method is None:
-        raise ValueError(
-            f"policy {task.policy!r} learns no movement, so there is nothing to measure"
-        )
-    if not isinstance(task, SkillTask):
-        return recorded_metrics(method, recordings, task.seed)
-    taught = ("demonstrations_per_door", "teacher", "demonstrated_forces")
-    names = ("seed", *taught, "held_out")
-    return method_metrics(method, **{n: getattr(task, n) for n in names})
 
 
 def _origin(task: Task) -> Result:

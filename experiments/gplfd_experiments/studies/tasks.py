@@ -19,11 +19,7 @@ from gplfd_experiments.episodes.task import (
     named_doors,
 )
 from gplfd_experiments.studies.learning_tests.folds import HELD_OUT, HeldOut
-from gplfd_experiments.studies.settings import (
-    TABLE_1_NAME,
-    Condition,
-    StudySettings,
-)
+from gplfd_experiments.studies.settings import TABLE_1_NAME, Condition, StudySettings
 from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import hash_of

@@ -191,24 +191,6 @@ _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
 """Variants of `gp` that lack an idea."""
 
 
-def _contrasts(
-    measure: str,
-    ideas: Sequence[str],
-    level: str = "",
-    having: str = "",
-    lacking: str = "",
-) -> Iterator[Contrast]:
-    """Compare two levels of `gp`, or `gp` with the variants that lack an idea."""
-    for idea in ideas:
-        for policy in ("gp",) if having else _LACKING[idea]:
-            yield Contrast(
-                idea=idea,
-                measure=measure,
-                having=Side(policy="gp", level=having or level),
-                lacking=Side(policy=policy, level=lacking or level),
-            )
-
-
 def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
     """Yield the trials of the file by name."""
     for name, entries in protocol["trials"].items():
@@ -222,13 +204,24 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
             if "shape" in fields:
                 fields["door"] = protocol["shapes"][fields.pop("shape")]
             levels[title] = Level(**fields)
-        compared = trial.pop("contrasts", [])
+        # Two levels of `gp`, or `gp` with the variants that lack an idea.
+        contrasts = [
+            Contrast(
+                idea=idea,
+                measure=row["measure"],
+                having=Side(policy="gp", level=row.get("having", row.get("level", ""))),
+                lacking=Side(policy=p, level=row.get("lacking", row.get("level", ""))),
+            )
+            for row in trial.pop("contrasts", [])
+            for idea in row["ideas"]
+            for p in (("gp",) if "having" in row else _LACKING[idea])
+        ]
         group = trial.pop("only_policies", "")
         yield (
             name,
             Trial(
                 levels=levels,
-                contrasts=tuple(c for row in compared for c in _contrasts(**row)),
+                contrasts=tuple(contrasts),
                 only_policies=protocol["policies"].get(group, ()),
                 **trial,
             ),
