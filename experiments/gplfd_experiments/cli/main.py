@@ -11,7 +11,7 @@ import logging
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Union, get_args
@@ -106,9 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> Any:
     """Return the command that the words name, with its options."""
     first, second = (*words, "", "")[:2]
-    for record in (COMMANDS.get(first), demos.SUBCOMMANDS.get(second)):
-        if record is not None:
-            _prepare(record)
+    named: tuple[Any, ...] = (COMMANDS.get(first), demos.SUBCOMMANDS.get(second))
+    for record in filter(None, named):
+        _prepare(record)
     subcommands = []
     for name, command in commands.items():
         summary = None
@@ -127,6 +127,7 @@ def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> 
     )
 
 
+@cache
 def _prepare(record: Any) -> None:
     """Join lines of help texts, and name options that may be absent by their type."""
     texts = {
@@ -140,8 +141,9 @@ def _prepare(record: Any) -> None:
                 {**option.metadata, "help": texts[option.name]}
             )
         kind, *_ = parts = (*get_args(option.type), None)
+        shared: Any = kind
         if dataclasses.is_dataclass(kind):  # Options that several commands share.
-            _prepare(kind)
+            _prepare(shared)
         elif kind in (Path, int, float, str) and type(None) in parts:
             how = tyro.conf.arg(metavar=kind.__name__.upper())
             record.__annotations__[option.name] = Annotated[option.type, how]

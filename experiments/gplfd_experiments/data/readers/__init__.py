@@ -135,9 +135,9 @@ def read_files(
         try:
             child.submit(os.getpid).result()  # It has imported its libraries.
             for path, reader in zip(files, readers, strict=True):
-                *_, seconds = _limits(path)
+                *_, seconds = limits = _limits(path)
                 try:
-                    reading = child.submit(_limited, path, settings)
+                    reading = child.submit(_limited, path, settings, limits)
                     outcome = reading.result(_WAITING * seconds)
                 except (TimeoutError, BrokenExecutor):
                     raise ValueError(
@@ -166,9 +166,11 @@ def _silent() -> None:
     os.dup2(nowhere, 2)
 
 
-def _limited(path: Path, settings: ImportSettings) -> list[RawRecording] | Exception:
+def _limited(
+    path: Path, settings: ImportSettings, limits: list[float]
+) -> list[RawRecording] | Exception:
     """Read the motions in a file, in a process of which nothing else is wanted."""
-    memory, written, most, seconds = _limits(path)
+    memory, written, most, seconds = limits
     if resource is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
         for kind, limit in (
