@@ -169,6 +169,9 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("numprocesses", None):
+        # A process per core: threads of BLAS would wait for each other's cores.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     config.addinivalue_line(
         "markers", f"needs(*parts): parts of the machine, of {', '.join(PARTS)}"
     )

@@ -18,6 +18,8 @@ from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.intervention import PersonHand
 
+pytestmark = pytest.mark.slow
+
 REST = np.zeros(6)
 
 

@@ -15,6 +15,8 @@ from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 
+pytestmark = pytest.mark.slow
+
 EFFORT_LIMITS = np.array([43.0, 43.0, 26.0, 26.0, 3.0, 6.6, 6.6])
 RADIUS = 0.5
 

@@ -14,10 +14,7 @@ import pytest
 
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies import jobs, runner, tasks
-from gplfd_experiments.studies.settings import (
-    StudySettings,
-    read_settings,
-)
+from gplfd_experiments.studies.settings import StudySettings, read_settings
 
 pytestmark = pytest.mark.slow
 

@@ -21,11 +21,7 @@ from gplfd_experiments.studies.settings import (
     read_settings,
     write_settings,
 )
-from gplfd_experiments.studies.store import (
-    RESULT_STAMP,
-    result_path,
-    stored_results,
-)
+from gplfd_experiments.studies.store import RESULT_STAMP, result_path, stored_results
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 

@@ -13,12 +13,7 @@ import pytest
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.info import TEXTS
-from gplfd_experiments.data.minari import (
-    Recorder,
-    open_dataset,
-    outcome,
-    write_dataset,
-)
+from gplfd_experiments.data.minari import Recorder, open_dataset, outcome, write_dataset
 
 pytestmark = pytest.mark.slow
 

@@ -37,6 +37,8 @@ from gplfd_experiments.recording.scene import (
 )
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
+pytestmark = pytest.mark.slow
+
 
 def packed(colour):
     return int.from_bytes((*colour, 255))

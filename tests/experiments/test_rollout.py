@@ -18,10 +18,7 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
-from gplfd_experiments.episodes.rollout import (
-    rollout,
-    rollouts,
-)
+from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_policies.agents.agent import batch_agents
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.movement import GaussianTrajectory

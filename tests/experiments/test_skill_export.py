@@ -236,7 +236,7 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
 
 def test_a_dry_run_stands_where_the_frame_says(skill_file, monkeypatch):
     """In the base frame the hand begins at the handle and is pulled along its x."""
-    monkeypatch.setattr(exports, "_APART", 40)  # A stance for few places of the path.
+    monkeypatch.setattr(exports, "_APART", 80)  # A stance for few places of the path.
     axes = Rotation.from_euler("z", -0.3) * Rotation.from_quat(
         [0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0]
     )
@@ -254,7 +254,7 @@ def test_a_dry_run_stands_where_the_frame_says(skill_file, monkeypatch):
 def test_a_frame_out_of_reach_says_where_it_is_in_reach(
     skill_file, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(exports, "_APART", 40)
+    monkeypatch.setattr(exports, "_APART", 80)
     out = ["--out", str(tmp_path / "a.json"), "--robot", "ur5e-like", "--door", "small"]
 
     def status_at(position):

@@ -24,10 +24,7 @@ from gplfd_experiments.studies.learning_tests.scores import (
 )
 from gplfd_policies import policy_named
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.demonstrations.npz import (
-    load_demonstrations,
-    save_demonstrations,
-)
+from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseEstimate
 from gplfd_policies.registry.method import Method

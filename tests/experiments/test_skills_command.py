@@ -40,6 +40,7 @@ def next_command(capsys) -> list[str]:
 
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
+@pytest.mark.usefixtures("short_episodes")
 def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
     """A bar's skill at the default doors would be no use to who has opened an oven."""
     own = {"preset": "oven", "closer": {"preload": 0.4}}

@@ -14,10 +14,7 @@ from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
-from gplfd_experiments.studies.tasks import (
-    SkillTask,
-    jobs_of,
-)
+from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 

@@ -14,11 +14,7 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.build import (
-    learned_agents,
-    open_together,
-    open_watched,
-)
+from gplfd_experiments.episodes.build import learned_agents, open_together, open_watched
 from gplfd_experiments.episodes.leading import LedAgent
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors

@@ -16,6 +16,8 @@ from gplfd_experiments.analysis.results.trials import (
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
 
+pytestmark = pytest.mark.slow
+
 RADIAL = "force_radial_peak"
 
 

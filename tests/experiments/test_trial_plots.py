@@ -13,6 +13,8 @@ from gplfd_experiments.analysis.results.statistics import Shift
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, of_trials
 from gplfd_experiments.studies.trials.protocol import TRIALS, Contrast, Side
 
+pytestmark = pytest.mark.slow
+
 FORCE = "person_force_peak"
 POLICIES = {"kmp": 20.0, "gp": 30.0, "hinge-fit": 40.0, "gp@constant-100": 50.0}
 POLICIES["oracle"] = 60.0

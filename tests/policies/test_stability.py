@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -33,6 +32,8 @@ def condition_2(stiffness, stiffness_rate, gamma, dynamics):
 
 
 def test_eq23_tight_bound_follows_from_condition_2():
+    import sympy  # which takes a second
+
     k, m, delta, gamma = sympy.symbols("k m delta gamma", positive=True)
     k_rate = sympy.Symbol("k_rate", real=True)
     damping_rate = sympy.diff(2 * delta * sympy.sqrt(m * k), k) * k_rate

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -84,8 +85,9 @@ def test_time_stands_still_while_the_page_is_silent(person: Any) -> None:
 
 
 def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
-    tmp_path: Path, visitor: Any
+    tmp_path: Path, visitor: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(CorrectionLesson, "picture", lambda _: np.ones((3, 4, 3), "u1"))
     gp, names = skill_method("gp"), ("small", "medium")
     shown = Teacher().standard_demonstrations(seed=0)
     bars = gp.learn(TrainingInput(demonstrations=shown))
@@ -94,7 +96,7 @@ def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
         episode_task(name, door_config(name), policy="gp", seed=0) for name in names
     ]
     lessons = [
-        partial(CorrectionLesson, task, store, "mouse", drawn=True) for task in tasks
+        partial(CorrectionLesson, task, store, "mouse", drawn=False) for task in tasks
     ]
     somebody = visitor(TeachingSession(lessons, store))
     assert somebody(times=20)["time"] == 0.0
