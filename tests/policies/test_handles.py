@@ -112,7 +112,7 @@ def compensation():
 
 def held_shut(handles, turn, force=15.0):
     pose = GEOMETRY.hand_poses(0.0, turn)
-    return bool(handles.turn_further(pose, PULL, np.float64(force), PERIOD))
+    return bool(handles.turn_further(pose, np.True_, np.float64(force), PERIOD))
 
 
 def turned_further(seconds=0.2):
@@ -125,8 +125,8 @@ def turned_further(seconds=0.2):
 
 
 def gear(handles):
-    """Return what a turn of 1 rad that was shown is on the row's own handle."""
-    return -float(handles.hand_poses(GEOMETRY.hand_poses(0.0, 1.0))[3])
+    """Return what a demonstrated turn of 1 rad is on this handle."""
+    return -1.0 / float(handles.movement_poses(GEOMETRY.hand_poses(0.0, 1.0))[3])
 
 
 def test_a_door_that_does_not_give_has_its_handle_turned_on():
@@ -138,8 +138,15 @@ def test_a_door_that_does_not_give_has_its_handle_turned_on():
 
 
 def test_a_handle_goes_back_as_shown_from_further_away():
-    """As the geometry has it: all turns are multiplied, and the leaf stays."""
+    """As the geometry has it: all turns are multiplied, and the leaf stays.
+
+    Not while the door is closed, where the set-point is ahead.
+    """
     handles = turned_further()
+    for turn, held in ((0.8, 0.88), (0.3, 0.88), (0.9, 0.99)):
+        ahead, expected = GEOMETRY.hand_poses(0.2, np.array([turn, held]))
+        assert_allclose(handles.hand_poses(ahead), expected, atol=1e-12)
+    handles.turn_further(ahead, np.False_, np.float64(0.0), PERIOD)
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
     for angle, turn in zip(angles, turns, strict=True):
         demonstrated, turned = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
@@ -158,7 +165,8 @@ def test_a_handle_goes_back_as_shown_from_further_away():
 def test_no_handle_is_turned_on_without_need(angle, turn, force):
     pose = GEOMETRY.hand_poses(angle, turn)
     handles = compensation()
-    assert not handles.turn_further(pose, PULL, np.float64(force), PERIOD)
+    closed = np.bool_(angle == 0.0)
+    assert not handles.turn_further(pose, closed, np.float64(force), PERIOD)
     assert gear(handles) == pytest.approx(1.0)
 
 
@@ -172,7 +180,7 @@ def test_a_handle_at_its_stop_is_not_turned_further():
     stop = GEOMETRY.hand_poses(0.0, 0.8)
     for angle in np.linspace(0.8, 1.2, 100):
         stop[3] = -angle
-        handles.turn_further(stop, PULL, np.float64(15.0), PERIOD)
+        handles.turn_further(stop, np.True_, np.float64(15.0), PERIOD)
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 
 
@@ -234,6 +242,26 @@ def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(load)
     for hand, carried in ((bar, 25.0), (load, 45.0)):
         response = hand.update(contact(-45.0 * PULL))
         assert response.compensated_load == pytest.approx(carried)
+
+
+def test_a_hand_pulls_harder_at_a_closed_door_and_gives_up(load):
+    """What a held hand bears, 26 N, rises at 20 N/s to 58 N, and ends after 3.4 s."""
+    lag = -0.03 * PULL
+    stuck = replace(contact(-60.0 * PULL), displacement=lag)
+    for _ in range(round(4.0 / PERIOD)):  # the handle is turned to its stop first
+        held = load.update(stuck).compensated_load
+        if held > 23.5:
+            break
+    borne = [load.update(stuck).compensated_load for _ in range(round(4.0 / PERIOD))]
+    rises = np.diff(borne[: round(1.5 / PERIOD)]) / PERIOD
+    assert_allclose(rises, 20.0)
+    assert max(borne) == pytest.approx(58.0)
+    assert np.mean(np.greater(borne, 57.0)) * 4.0 == pytest.approx(0.5, abs=0.1)
+    assert_allclose(borne[round(2.5 / PERIOD) :], 23.2, rtol=1e-3)
+    load.reset()
+    person = replace(stuck, pose=GEOMETRY.hand_poses(0.03, 0.7))
+    moved = [load.update(person).compensated_load for _ in range(round(4.0 / PERIOD))]
+    assert max(moved) == pytest.approx(23.2, rel=1e-3)
 
 
 def test_turning_a_handle_teaches_nothing_of_the_door(load):

@@ -16,7 +16,7 @@ from gplfd_policies.adaptation.gridded import (
     look_ahead,
 )
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes, Float, Vectors
+from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.load import ContactState, ForceForecast, Load, LoadResponse
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
@@ -36,6 +36,11 @@ GEAR_RATE: Final = 0.5
 """Growth rate of the gear ratio while the door does not move [1/s]."""
 MAX_GEAR: Final = 1.6
 """Greatest gear ratio: no handle turns further than about 75°."""
+INSISTENCE_RATE: Final = 20.0
+"""Rate at which the hand pulls harder at a door that does not move [N/s]."""
+GIVING_UP: Final = 68.0
+"""Insistence at which it gives up [N]: half a second after the 58 N that an arm can
+carry, and 2.1 s after the 26 N of a held hand."""
 
 
 def controller_of(
@@ -79,12 +84,15 @@ class HandleMovements(GriddedMovements):
         super().__init__(movements)
         self._handles = tuple(handles)
         self._gears = [1.0] * len(self._handles)
+        # Greatest commanded turn of a closed door's handle; None once it has opened.
+        self._pressed: list[float | None] = [0.0] * len(self._handles)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the via-points and the gear ratios of these rows."""
         super().reset(rows)
         for number in self._of(rows):
             self._gears[number] = 1.0
+            self._pressed[number] = 0.0
 
     def observe(self, member: int, via_point: ViaPoint) -> None:
         """Condition a row's movement on a via-point, given as a pose of the hand."""
@@ -107,7 +115,11 @@ class HandleMovements(GriddedMovements):
         return means[0], stds[0], self.direction(chord)
 
     def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return hand poses at these rows' handle turns for poses of the movements."""
+        """Return hand poses at these rows' handle turns for poses of the movements.
+
+        Handles of closed doors do not turn back, although the set-point may be ahead
+        where demonstrated ones do: their bolts would be extended again.
+        """
         return self._geared(poses, 1.0, rows)
 
     def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
@@ -118,9 +130,13 @@ class HandleMovements(GriddedMovements):
         geared = poses.copy()
         for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
-            if gear != 1.0:
+            pressed = self._pressed[number] if power > 0.0 else None
+            if gear != 1.0 or pressed is not None:
                 _, turn = handle.swing_twist(row[3:].tolist())
-                row[:] = handle.with_turn(row.tolist(), gear**power * turn)
+                turn *= gear**power
+                if pressed is not None:
+                    turn = self._pressed[number] = max(turn, pressed)
+                row[:] = handle.with_turn(row.tolist(), turn)
         return geared
 
     def axis_positions(
@@ -149,36 +165,35 @@ class HandleMovements(GriddedMovements):
     def turn_further(
         self,
         poses: Axes,
-        direction: Vectors,
+        closed: Bool[np.ndarray, "*N"],
         load: PerRow,
         period: float,
         rows: Rows = ALL_ROWS,
-    ) -> np.ndarray:
-        """Turn handles further if their doors do not move; return which, bool (*N).
+    ) -> Bool[np.ndarray, "*N"]:
+        """Turn handles further if their doors do not move; return which.
 
-        The bolt cannot be observed. A handle is turned further if the door resists
-        along its path with a load [N] and has not moved, and the handle has reached the
-        commanded angle; up to a stop.
+        The bolt cannot be observed. A handle is turned further if the door is closed,
+        resists along its path with a load [N], and the handle has reached the commanded
+        angle; up to a stop.
         """
         turned = []
-        for number, pose, path, force in zip(
+        for number, pose, shut, force in zip(
             self._of(rows),
             poses.reshape(-1, 6).tolist(),
-            direction.reshape(-1, 3).tolist(),
+            np.ravel(closed).tolist(),
             np.ravel(load).tolist(),
             strict=True,
         ):
             handle, gear = self._handles[number], self._gears[number]
-            turns = force >= LATCHED_FORCE and gear < MAX_GEAR
+            if not shut:
+                self._pressed[number] = None
+            turns = shut and force >= LATCHED_FORCE and gear < MAX_GEAR
             if turns:
-                displacement = handle.axis_displacement(pose)
-                along = sum(p * u for p, u in zip(displacement, path, strict=True))
                 follows = FOLLOWING_SHARE * gear * handle.travel
                 if handle.arm > 0.0:
                     lag = _SERVO_LAG / handle.arm
                     follows = min(follows, gear * handle.travel - lag)
-                closed = along < CLOSED_DISTANCE
-                turns = closed and handle.turned(pose) >= follows
+                turns = handle.turned(pose) >= follows
             if turns:
                 gear = min(gear + GEAR_RATE * period, MAX_GEAR)
                 self._gears[number] = gear
@@ -203,11 +218,13 @@ class HandleLoad(Load):
         shape = movements.numbers.shape
         self._door = config.load.begin(config.profile, shape)
         self._handle = config.load.begin(config.profile, shape)
+        self._insistence = np.zeros(shape)  # [N]; negative: it has given up
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
         self._door.reset(rows)
         self._handle.reset(rows)
+        self._insistence[rows] = 0.0
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Respond along the door's path; turn handles further if doors do not open."""
@@ -222,11 +239,21 @@ class HandleLoad(Load):
         )
         of_handle = self._handle.update(turning, rows)
         wrench = of_handle.compliant_wrench
-        opening = replace(contact, wrench=wrench, pose=axes, hook_grasp=True)
-        response = self._door.update(opening, rows)
-        turned = self._movements.turn_further(
-            poses, contact.direction, response.compensated_load, self._period, rows
+        insistence = self._insistence[rows]
+        opening = replace(
+            contact, wrench=wrench, pose=axes, hook_grasp=True, insistence=insistence
         )
+        response = self._door.update(opening, rows)
+        along = np.add.reduce(contact.direction * axes[..., :3], axis=-1)
+        closed, load = along < CLOSED_DISTANCE, response.compensated_load
+        turned = self._movements.turn_further(poses, closed, load, self._period, rows)
+        # A closer may hold a door with more than a held hand bears: pull harder, and
+        # give up at a door that is locked.
+        sign = np.where(closed & (load >= LATCHED_FORCE), 1.0, -1.0)
+        change = np.where(turned, 0.0, sign * INSISTENCE_RATE * self._period)
+        changed = np.maximum(insistence + change, 0.0)
+        given_up = (insistence < 0.0) | (changed > GIVING_UP)
+        self._insistence[rows] = np.where(given_up, -1.0, changed)
         # While the hand turns the handle further, it does not pull harder.
         pace = np.where(turned, np.minimum(response.pace, 0.0), response.pace)
         return replace(response, pace=pace)

@@ -145,6 +145,8 @@ class ContactState:
     """The expected force at the end of the chord that defines `direction`."""
     hook_grasp: bool = False
     """Whether the fingers are behind a handle, and not only hold it by friction."""
+    insistence: PerRow | float = 0.0
+    """Resistance that is compensated although nothing moves, up to the limit [N]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +302,7 @@ class _LoadLearner(Load):
         stiffness = self._profile.stiffness(std, rows=rows)[..., :3]
         reserve = gain * rule.reach * _along(direction, stiffness * direction)
         bound: PerRow = np.minimum(expected, np.maximum(reserve, learned * expected))
+        bound = np.maximum(bound, np.minimum(contact.insistence, limit))
         if contact.expected is not None and contact.expected_ahead is not None:
             ends = []
             for force in (contact.expected, contact.expected_ahead):
