@@ -35,7 +35,7 @@ from gplfd_experiments.studies.trials.protocol import RADIAL
 
 LEARNERS: Final = (
     *("mean", "gp", "promp", "prodmp", "gmr", "kmp"),
-    *("gmm-gp", "tp-gmm", "dmp", "midigap"),
+    *("gmm-gp", "tp-gmm", "dmp", "local-gp"),
 )
 SEEDS: Final = (90, 91, 92)  # Used by nothing else.
 TESTED: Final = 3  # doors per seed and kind

@@ -99,7 +99,7 @@ def _same_environment() -> Iterator[None]:
 
 TYPED = (
     *("alignment", "baseline_gmm_gp", "baseline_gmr", "baseline_kmp", "gp_exact"),
-    *("baseline_midigap", "baseline_prodmp", "baseline_promp", "baseline_tp_gmm"),
+    *("baseline_prodmp", "baseline_promp", "baseline_tp_gmm"),
     *("control_errors", "demonstrations", "movements", "own_agent", "records"),
     *("registry", "rests", "rollout", "stiffness", "storage", "trajectory"),
     "user_policies",

@@ -87,10 +87,3 @@ def test_a_turn_about_several_axes_is_refused_and_a_tilt_is_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         align(demonstrations(345, tilt=0.0))
-
-
-@pytest.mark.filterwarnings("ignore:turns")
-def test_a_method_that_cannot_learn_it_says_so():
-    training = TrainingInput(demonstrations=demonstrations(400))
-    with pytest.raises(ValueError, match=r"more than 300 degrees.*such as gp"):
-        POLICIES["midigap"].method.learn(training)

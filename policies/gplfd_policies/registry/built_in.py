@@ -53,7 +53,6 @@ from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
-from gplfd_policies.movements.baselines.midigap import MiDiGaPConfig, fit_midigap
 from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, fit_prodmp
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
@@ -150,12 +149,6 @@ LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
         "prodmp": Learner(
             summary="probabilistic dynamic movement primitive",
             fit=fit_prodmp,
-            adaptation=OwnAdaptation,
-        ),
-        "midigap": Learner(
-            summary="mixture of discrete-time Gaussian processes (reconstruction)",
-            fit=fit_midigap,
-            fit_forces=fit_promp,
             adaptation=OwnAdaptation,
         ),
     }
@@ -277,7 +270,6 @@ PUBLISHED: Final[Mapping[str, Method]] = MappingProxyType(
             "wishart-gp": 3e-3,
             "gmm-gp": 3e-3,
             "prodmp": None,
-            "midigap": 3e-4,
         }.items()
     }
     | {
@@ -503,13 +495,6 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             alpha=_log(25.0, 10.0, 60.0),
             overlap=Setting(0.22, 0.1, 0.9),
             shrinkage=_log(1e-3, 1e-6, 0.5),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "midigap": Space(
-            MiDiGaPConfig,
-            resolution=3e-4,
-            mode_angle=Setting(0.7, 0.3, 1.5),
-            length_scale=_log(1.0, 0.05, 10.0),
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "gp-paper": Space(

@@ -120,8 +120,6 @@ class Learner:
     in `Predictor`, or with mean and standard deviation [m, rad], each (M, 6)."""
     summary: str = "a learner of a user"
     """One line for people."""
-    fit_forces: Callable[..., Predictor] | None = None
-    """Learns forces, if `fit` is only for poses; None to use `fit`."""
     seeded: bool = False
     """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
     accepts_prior_mean: bool = False
@@ -219,7 +217,7 @@ class Method:
         with warnings.catch_warnings():
             # Learning of the motion has already warned about too few demonstrations.
             warnings.simplefilter("ignore", UserWarning)
-            learned = as_movement((learner.fit_forces or fit)(forces), forces)
+            learned = as_movement(fit(forces), forces)
             return replace(movement, forces=learned)
 
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":

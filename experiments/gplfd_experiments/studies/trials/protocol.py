@@ -124,7 +124,7 @@ REFERENCES: Final = ("hinge-fit", "mechanism-fit", "oracle")
 
 EVERYWHERE: Final = (
     *TABLE_1,
-    *("mean", "tp-gmm", "prodmp", "midigap"),
+    *("mean", "tp-gmm", "prodmp"),
     *REFERENCES,
 )
 """Policies that take part in every trial: learners in one pipeline, and references."""
