@@ -1,29 +1,17 @@
 """A policy of the user's: found, checked at once, run, studied, reported, recorded."""
 
-import dataclasses
 import json
-import os
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
-from gplfd_env.doors.config import door_config
 from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.provenance import content_hash
-from gplfd_experiments.studies.sources import (
-    NO_FILES,
-    chosen,
-    files_of,
-    policy_of,
-    source_of,
-)
-from gplfd_experiments.studies.tasks import task_from
+from gplfd_experiments.studies.sources import source_of
 from gplfd_policies.registry.catalogue import policy_named
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
@@ -140,41 +128,3 @@ def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     page = report(read_results(Path("study")), name)
     text = f"`{name}` | `kind module, file {module}.py, sha256"
     assert text in markdown_page(page)
-
-
-def planned(name: str) -> EpisodeTask:
-    return EpisodeTask(
-        policy=name,
-        policy_source=chosen(name).source,
-        door="small",
-        door_config=dataclasses.asdict(door_config("small")),
-        seed=0,
-    )
-
-
-@pytest.fixture
-def elsewhere(module, tmp_path_factory):
-    """Return what moves to a folder without the module, and forgets it."""
-
-    def go() -> None:
-        os.chdir(tmp_path_factory.mktemp("elsewhere"))
-        sys.modules.pop(module, None)
-
-    return go
-
-
-@pytest.mark.usefixtures("policies_here")
-def test_the_file_travels_to_where_it_is_missing(module, elsewhere):
-    task = planned(f"{module}:make")
-    files = files_of(
-        [task, dataclasses.replace(task, policy="oracle", policy_source=None)]
-    )
-    assert list(files) == [task.policy]
-    stored = task_from(json.loads(json.dumps(task.definition)))
-    assert isinstance(stored, EpisodeTask)
-    elsewhere()
-    with pytest.raises(ValueError, match="there is no module"):
-        policy_of(stored, NO_FILES)
-    policy = policy_of(stored, files)
-    assert policy.summary == "Stays where it is."
-    assert source_of(policy) == task.policy_source

@@ -27,6 +27,12 @@ leaderboard, pictures, robots, speed = map(
 )
 
 
+@pytest.fixture(autouse=True)
+def _no_collections(monkeypatch):
+    """Leave garbage alone, which here is that of all tests."""
+    monkeypatch.setattr(speed, "gc", SimpleNamespace(collect=lambda: None))
+
+
 def test_times_are_per_operation_and_without_preparation(monkeypatch):
     clock = {"now": 0.0}
     for name in ("process_time", "perf_counter"):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import gymnasium
+import matplotlib
 import pytest
 
 import gplfd_env  # noqa: F401  (registers the ids)
@@ -75,10 +76,13 @@ ELSEWHERE = {DOCS / "learners.md"}
 """Pages whose snippets are run by tests/learners, with what they need."""
 
 
-def test_code_in_the_pages_runs(tmp_path, run_python):
+@pytest.mark.filterwarnings("ignore")
+def test_code_in_the_pages_runs(tmp_path, monkeypatch):
     """After the README's first command, for one door. Every block has names of its own;
     a traceback has the block's text.
     """
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("agg")  # shows nothing
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     # What needs more than that is marked, and run where it is.
     blocks = [
@@ -89,13 +93,9 @@ def test_code_in_the_pages_runs(tmp_path, run_python):
         )
         if not mark
     ]
-    each = (
-        "import sys\nfrom gplfd_experiments.cli.main import main\n"
-        "main(['run', '--doors', 'medium', '--out', 'results/first'])\n"
-        "for block in sys.argv[1:]:\n"
-        "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
-    )
-    run_python("-W", "ignore", "-c", each, *blocks, MPLBACKEND="agg")
+    assert cli.main(["run", "--doors", "medium", "--out", "results/first"]) == 0
+    for block in blocks:
+        exec(compile(block, block, "exec"), {"__name__": "__main__"})
     # A reader copies one of them: none lives on what another has imported.
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
