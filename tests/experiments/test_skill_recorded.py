@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
-from gplfd_experiments.analysis.results.measures import RECORDED_MEASURES
+from gplfd_experiments.analysis.results.measures import PREDICTED
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
@@ -120,7 +120,7 @@ def test_online_equals_offline_where_the_phase_is_exact():
     online = online_forecasts(fixed, movement, left_out, 0.025)
     for name, value in forecasts(fixed, movement, left_out).items():
         assert online[name.replace("forecast", "online")] == value
-    assert online.keys() == {n for n in RECORDED_MEASURES if n.startswith("online")}
+    assert online.keys() == {n for n in PREDICTED if n.startswith("online")}
 
 
 def test_a_path_is_judged_ahead_and_without_its_timing():

@@ -103,9 +103,7 @@ class Condition:
 PRESETS: Final[Mapping[str, StudySettings]] = {
     TABLE_1_NAME: StudySettings(),
     "small": StudySettings(
-        policies=("promp", "mean", "gp"),
-        doors=("small", "medium", "large"),
-        seeds=3,
+        policies=("promp", "mean", "gp"), doors=("small", "medium", "large"), seeds=3
     ),
 }
 """Studies by name: the whole comparison, and one that takes a minute."""

@@ -18,6 +18,11 @@ from gplfd_policies.arrays.storage import complete_or_absent
 HTML, MARKDOWN = "report.html", "report.md"
 _ORIGIN: Final = "What was run"
 _LEFT_OUT: Final = "Files without a result, left out"
+_RECORDED: Final = (
+    "Each recording is left out in turn and predicted from the others. The phase is "
+    "the share of the path that the hand has covered; **online**, the method estimates "
+    "it from the samples so far, as on a robot."
+)
 
 
 def write_report(
@@ -99,7 +104,9 @@ def report(results: StudyResults, reference: str) -> list[Section]:
         ]
         questions.append(Section("Paired tests", tests))
     if results.recorded:
-        questions.append(sections.recorded_section(results.recorded))
+        title = "What was learned from the recordings"
+        blocks = Text(_RECORDED), sections.overview(results.recorded)
+        questions.append(sections.learning_section(results.recorded, title, *blocks))
     if results.tests:
         questions.append(sections.table_one_section(results.tests))
         title = "What was learned, without a robot"

@@ -458,17 +458,6 @@ def learning_section(tests: Results, title: str, *lead: Block) -> Section:
     return Section(title, [*lead, table])
 
 
-def recorded_section(results: Results) -> Section:
-    """Return all methods on recordings, each left out in turn."""
-    introduction = (
-        "Each recording is left out in turn and predicted from the others. The phase "
-        "is the share of the path that the hand has covered; **online**, the method "
-        "estimates it from the samples so far, as on a robot."
-    )
-    lead = Text(introduction), overview(results)
-    return learning_section(results, "What was learned from the recordings", *lead)
-
-
 def overview(results: Results) -> Table:
     """Return the headlines of all methods, ordered by likelihood."""
     nlpd, groups = measures.PREDICTED["nlpd"], measures.grouped(results, "policy")

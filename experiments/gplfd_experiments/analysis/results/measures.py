@@ -129,7 +129,6 @@ def _measures(*tables: str) -> dict[str, Measure]:
 WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; of the policy alone."""
 EPISODE_MEASURES: Final = _measures("episodes")
-RECORDED_MEASURES: Final = _measures("rest")
 PREDICTED: Final = _measures("learning", "rest", "forces")
 COLUMNS: Final[Mapping[str, list[list[str]]]] = _TABLES["columns"]
 """Metrics of the columns of the report's tables of episodes."""

@@ -122,11 +122,7 @@ FIRST_SEED: Final = 20
 REFERENCES: Final = ("hinge-fit", "mechanism-fit", "oracle")
 """Policies that learn nothing from a demonstration, as a baseline."""
 
-EVERYWHERE: Final = (
-    *TABLE_1,
-    *("mean", "tp-gmm", "prodmp"),
-    *REFERENCES,
-)
+EVERYWHERE: Final = (*TABLE_1, "mean", "tp-gmm", "prodmp", *REFERENCES)
 """Policies that take part in every trial: learners in one pipeline, and references."""
 
 PUBLISHED: Final = tuple(f"{name}@published" for name in TABLE_1 if name != "gp")
