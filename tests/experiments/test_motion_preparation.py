@@ -136,10 +136,11 @@ def test_time_stamps_that_are_coarse_are_noticed():
 
 def test_the_same_motion_again_is_named():
     other = replace(RAW, positions=1e3 * POSITIONS, unit="mm", times=TIMES + 5.0)
-    motions = prepare([RAW, door(angle=1.1), other], AS_RECORDED)
+    rounded = replace(RAW, positions=POSITIONS.round(4), quaternions=-WXYZ.round(4))
+    motions = prepare([RAW, door(angle=1.1), other, rounded], AS_RECORDED)
     note = "the same motion as 0: leave it out"
     noted = [note in texts(motion, warnings=True) for motion in motions]
-    assert noted == [False, False, True]
+    assert noted == [False, False, True, True]
 
 
 def test_signs_of_quaternions_do_not_matter():
@@ -157,11 +158,34 @@ def test_signs_of_quaternions_do_not_matter():
         ({"times": FAR}, {"segment": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
         ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
+        ({"times": 0.0 * TIMES}, {}, "csv: all samples have the same time stamp"),
+        ({"times": 1e-3 * TIMES}, {"rate": 100.0}, r"lasts 0.002 s: .* --time-unit"),
+        ({"times": FAR, "notes": ("read in ms",)}, {}, "the unit; read in ms"),
     ],
 )
 def test_what_cannot_be_used_is_refused(given, settings, message):
     with pytest.raises(ValueError, match=message):
         only(replace(RAW, **given), **settings)
+
+
+def filled(value: float) -> Any:
+    """Times, positions or quaternions in which a program fills what is missing."""
+    return lambda array: np.r_[
+        array[:150], np.full_like(array[150:170], value), array[170:]
+    ]
+
+
+def in_z(value: float, number: int) -> Any:
+    """Positions in a plane but for some in which a program fills what is missing."""
+    planar = np.where([True, True, False], POSITIONS, 0.9)
+    planar[100 : 100 + number, 2] = value
+    return planar
+
+
+def alternating(by: float) -> dict[str, Any]:
+    positions = POSITIONS.copy()
+    positions[::2, 0] += by
+    return {"positions": positions}
 
 
 def moved(first: int, last: int, by: Any) -> dict[str, Any]:
@@ -178,10 +202,22 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
         ({"positions": 1e3 * POSITIONS}, 401, True, "m: is the unit right?"),
         ({"positions": 1e-3 * POSITIONS}, 401, True, "m: is the unit right?"),
+        ({"times": filled(-9999.0)}, 381, True, "20 samples with -9999 in t are"),
+        ({"positions": in_z(-1.0, 50)}, 351, True, "50 samples with -1 in z are"),
+        (alternating(0.2), 401, True, "moves at 40 m/s: are several sources mixed"),
+        ({"times": filled(1e35)}, 381, True, "20 samples with 1e+35 in t are taken"),
+        ({"positions": filled(1e20)}, 381, True, "20 samples with 1e+20 in z are"),
+        (
+            {"positions": filled(-9999.0), "quaternions": filled(-9999.0)},
+            381,
+            True,
+            "20 samples with -9999 in x are taken as missing",
+        ),
     ],
 )
 def test_what_is_mended_or_suspicious_is_said(given, kept, warning, note):
-    motion = only(replace(RAW, **given))
+    changed = {n: v(getattr(RAW, n)) if callable(v) else v for n, v in given.items()}
+    motion = only(replace(RAW, **changed))
     assert len(motion.demonstration.times) == kept
     assert note in texts(motion, warnings=warning)
 

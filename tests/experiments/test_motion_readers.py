@@ -553,6 +553,8 @@ MOVING = BVH.replace(
         (MOVING, ""),
         (BVH.replace("RightHand", "RightWrist"), ""),
         ("\ufeff" + BVH.replace("\n{\n", " {\n").replace("Time: ", "Time:"), ""),
+        (BVH.replace("ROOT", "Root").replace("HIERARCHY", "Hierarchy"), ""),
+        (BVH.replace("0.5", "0.0"), "Frame Time is 0 s"),
         (BVH.replace("}\n", "", 1), "1 braces are not closed"),
         (BVH.replace("}\n", "}}\n", 1), "braces or numbers lack"),
         (BVH.replace("RightHand\n{", "RightHand\n"), "braces or numbers lack"),
@@ -563,7 +565,7 @@ MOVING = BVH.replace(
 def test_bvh_follows_the_chain_of_joints(tmp_path, content, problem):
     """A hand at the end of an arm of 2 that the root turns by 90° about z."""
     path = tmp_path / "a.bvh"
-    path.write_text(content)
+    path.write_text(content, encoding="utf-16" if content is MOVING else "utf-8")
     if problem:
         with pytest.raises(ValueError, match=problem):
             only(path)
@@ -582,8 +584,14 @@ def test_orientations_of_a_set_that_are_not_used_are_named(tmp_path):
     names = '["x", "y", "z", "tilt rot", "pad", "eef_rot_1", "eef_rot_2"]'
     was = '["x", "y", "z", "qx", "qy", "qz", "qw"]'
     info.write_text(info.read_text().replace(was, names))
-    note = "eef_rot_1, eef_rot_2, tilt rot are not used: it has no orientation"
+    note = "eef_rot_1, eef_rot_2, pad, tilt rot are not used: it has no orientation"
     assert all(note in one.notes for one in read_here(tmp_path / "set", ANY))
+    write_robomimic(tmp_path / "a.hdf5")
+    with h5py.File(tmp_path / "a.hdf5", "a") as file:
+        file["data/demo_2/obs"].move("robot0_eef_quat", "robot0_eef_pose")
+    note = "robot0_eef_pose are not used: it has no orientation"
+    turned = [note in one.notes for one in read_here(tmp_path / "a.hdf5", ANY)]
+    assert turned == [True, False]
 
 
 @pytest.mark.parametrize("damaged", [lambda b: b[: len(b) // 2], lambda b: b"\0" * 99])

@@ -51,6 +51,9 @@ def test_heads_say_units_and_places(tmp_path):
     assert_allclose(quaternions(motion)[0], [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-15)
     text = "header.stamp.secs,header.stamp.nsecs,x,y\n9,900000000,0,0\n10,0,0,1\n"
     assert_allclose(table(tmp_path, text).times, [0.9, 1.0])
+    for day in ("", "2024-01-31T"):
+        text = f"time,x,y\n{day}09:59:59.5,0,0\n{day}10:00:00.25,0,1\n"
+        assert_allclose(np.diff(table(tmp_path, text).times), 0.75)
 
 
 def rows(columns: str, row: str) -> str:
@@ -159,11 +162,20 @@ MOTIVE = ",p,p,p,p\n,M,R,R,R\nTime (Seconds),c,x,y,z\n0,1,.5,2,3\n1,1,1,2,3"
         ("by me\n\nx,y,z\n0.5,2,3\n1,2,3", "utf-8", ""),
         ("a,b,c\n0.5,2,3\n1,2,3", "utf-8", "x=a y=b z=c"),
         (MOTIVE, "utf-8", ""),
+        ("x|y|z\n0.5|2|3\n1|2|3", "utf-8", ""),
+        ("x,y,z,t,a\ncm,cm,cm,s,-\n0.5,2,3,1,1\n1,2,3,2,1", "utf-8", ""),
+        (
+            "Hz\n9\n,A,,,B,,\nF,X,Y,Z,X,Y,Z\n,m,m,m,m,m,m\n1,.5,2,3,0,0,0\n2,1,2,3,0,0,0",
+            "utf-8",
+            "body=A",
+        ),
     ],
 )
 def test_dialects_of_tables(tmp_path, text, encoding, columns):
     (tmp_path / "a.csv").write_bytes(text.encode(encoding))
-    positions = only(tmp_path / "a.csv", columns=tuple(columns.split())).positions
+    options: dict[str, Any] = {"columns": tuple(columns.split())}
+    options = {"body": "A"} if columns == "body=A" else options
+    positions = only(tmp_path / "a.csv", **options).positions
     positions = positions[np.isfinite(positions).all(axis=1)]
     assert_array_equal(positions, [[0.5, 2, 3], [1, 2, 3]])
 
@@ -264,10 +276,11 @@ def write_arrays(**arrays: Any) -> Callable[[Path], object]:
 
 REFUSED: tuple[tuple[str, Callable[[Path], object], dict[str, Any], str], ...] = (
     ("a.csv", write_text("1,2,3\n4,5,6"), {}, r"3 columns have no names; .* t,x,y,z"),
+    ("a.csv", write_text("N,2\nHand X,b\n1,2\n3,4"), {}, "y: it has Hand X, b"),
     ("a.csv", write_text("x,y\n1,2\n1,q\n"), {}, r"line 3, column 2 \(y\): 'q' is no"),
     ("a.csv", write_text("a,b\n1,2\n"), {}, "no column x and no y: it has a, b"),
     ("a.csv", write_text("x [m],y [cm]\n1,2\n3,4"), {}, "in cm and m; they must share"),
-    ("a.csv", write_text("x,y,Zeit\n1,2,3\n3,4,5"), {}, "columns Zeit are not .* t=NA"),
+    ("a.csv", write_text("x,y,Zeit\n1,2,3\n3,4,5"), {}, "t=NAME; columns Zeit are not"),
     ("a.hdf5", states_of_robosuite, {}, r"no group 'obs'; .* dataset_states_to_obs"),
     ("a.mvnxx", Path.touch, {}, r"\(did you mean '.mvnx'\?\); readable are .csv"),
     ("a.npz", write_arrays(pos=POSITIONS, quat=WXYZ), {}, "--quaternions wxyz or"),

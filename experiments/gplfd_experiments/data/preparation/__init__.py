@@ -15,6 +15,7 @@ from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.demonstrations.alignment import align, moving_span
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -24,6 +25,7 @@ _MOST_SAMPLES: Final = 10**6
 """Largest number of resulting samples of all motions; an hour at 100 Hz has 360,000."""
 _MOST_MADE: Final = 20  # Or this multiple of the recorded samples, if that is more.
 _COMPARED: Final = 100  # Number of samples for comparing motions.
+_SAME: Final = np.repeat([1e-4, 1e-3], 3)  # Copies differ by less at each [m, rad].
 
 __all__ = ["ImportSettings", "PreparedMotion", "prepare"]
 
@@ -56,7 +58,8 @@ def prepare(
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
     """
-    parts = [steps.of_one_clock(raw, settings) for raw in recordings]
+    complete = map(steps.without_fillers, recordings)
+    parts = [steps.of_one_clock(raw, settings) for raw in complete]
     recordings = list(itertools.chain(*parts))
     recorded = sum(len(raw.positions) for raw in recordings)
     left = max(_MOST_SAMPLES, _MOST_MADE * recorded)
@@ -66,10 +69,10 @@ def prepare(
             raise ValueError(f"{raw.name} has no orientations, which an offset needs")
         # Notes about the whole are those of its first repetition.
         notes = Notes()
-        samples = steps.without_spikes(steps.usable(raw, settings, notes), notes)
-        samples = frames.wrenches_of_the_hand(samples, raw, settings, notes)
         name = raw.name
         try:
+            samples = steps.without_spikes(steps.usable(raw, settings, notes), notes)
+            samples = frames.wrenches_of_the_hand(samples, raw, settings, notes)
             spans = steps.repetitions(samples, settings.segment, notes)
             for number, part in enumerate(spans, start=1):
                 name = raw.name if len(spans) == 1 else f"{raw.name} #{number}"
@@ -77,14 +80,15 @@ def prepare(
                 left -= len(motions[-1].demonstration.times)
                 notes = Notes()
         except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
+            doubts = [note.text for note in notes if note.warning]
+            raise ValueError("; ".join([f"{name}: {error}", *doubts])) from error
     if not motions:
         raise ValueError("there is no recording")
-    first: dict[bytes, int] = {}
+    ways = np.array([_way(motion.demonstration) for motion in motions])
     for place, motion in enumerate(motions):
-        same = first.setdefault(motion.recorded.poses.round(6).tobytes(), place)
-        if same < place:
-            motion.notes.warn(f"the same motion as {same}: leave it out")
+        apart = np.abs(ways[:place] - ways[place]) <= _SAME
+        if (same := np.flatnonzero(apart.all(axis=(1, 2)))).size:
+            motion.notes.warn(f"the same motion as {same[0]}: leave it out")
     turning = [motion for motion in motions if motion.circle]
     if settings.frame in ("first-pose", "recorded") and turning:
         others = f", as {len(turning) - 1} more do" if len(turning) > 1 else ""
@@ -149,6 +153,12 @@ def _motion(
         recorded=recorded,
         notes=notes,
     )
+
+
+def _way(motion: Demonstration) -> FloatArray:
+    """Return poses at equal steps of time [m, rad], (`_COMPARED`, 6)."""
+    times = np.linspace(motion.times[0], motion.times[-1], _COMPARED)
+    return interpolated(times, motion.times, motion.poses)
 
 
 def _demonstration(samples: Samples) -> Demonstration:

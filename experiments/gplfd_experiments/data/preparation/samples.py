@@ -130,6 +130,32 @@ def of_one_clock(raw: RawRecording, settings: ImportSettings) -> list[RawRecordi
     return parts
 
 
+def without_fillers(raw: RawRecording) -> RawRecording:
+    """Return a motion without numbers that stand for missing ones, such as -9999.
+
+    Such a number is the least or greatest of a column, comes again exactly, and is
+    farther from all others than these are apart, but for a tenth at each end.
+    """
+    times, notes = [] if raw.times is None else [raw.times], list(raw.notes)
+    data = np.column_stack([raw.positions, *times])
+    for name, column in zip("xyzt", data.T, strict=False):
+        alike = data[:, 3:] if name == "t" else data[:, :3]
+        values = np.unique(column[np.isfinite(column)])
+        ends = (values[[0, 1]], values[[-1, -2]]) if len(values) > 1 else ()
+        for number, nearest in ends:
+            filled = column == number
+            count, others = np.count_nonzero(filled), alike[~filled]
+            others = others[np.isfinite(others).all(axis=1)]
+            if count > 1 and len(others) >= max(ROW, count):
+                span = np.ptp(np.quantile(others, [0.1, 0.9], axis=0), axis=0).max()
+                if abs(number - nearest) > span > 0.0:
+                    column[filled] = np.nan
+                    text = f"{count} samples with {number:g} in {name}"
+                    notes.append(f"{text} are taken as missing")
+    clock = data[:, 3] if times else None
+    return replace(raw, positions=data[:, :3], times=clock, notes=tuple(notes))
+
+
 def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples:
     """Return the usable samples of a motion, in metres and in order of time.
 
@@ -147,10 +173,9 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
             notes.warn(f"its time stamps replaced: {settings.recorded_rate:g} Hz")
         times = np.arange(number) / settings.recorded_rate
     elif times is None:
-        problem = "; ".join([f"{raw.name} has no time stamps", *raw.notes])
         raise ValueError(
-            f"{problem}; say how many samples it has per second, --recorded-rate 100, "
-            "or what is the time, --columns t=NAME"
+            "it has no time stamps; say how many samples it has per second, "
+            "--recorded-rate 100, or what is the time, --columns t=NAME"
         )
     complete = np.abs(times) < _LATEST
     complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
@@ -159,20 +184,20 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     if raw.quaternions is not None:
         norms = np.nan_to_num(np.linalg.norm(raw.quaternions, axis=1), posinf=0.0)
         turned = norms > 1e-6
-        wrong = turned & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
+        wrong = complete & turned & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
         if wrong.any():
             index = int(np.argmax(wrong))
             raise ValueError(
-                f"{raw.name}: the quaternion of sample {index} has norm "
-                f"{norms[index]:.4g}, must be 1; are these its columns?"
+                f"the quaternion of sample {index} has norm {norms[index]:.4g}, must "
+                "be 1; are these its columns?"
             )
         quaternions = raw.quaternions / np.where(turned, norms, 1.0)[:, None]
         complete &= turned & ~_lost(quaternions, [1.0, 0.0, 0.0, 0.0])
     left = np.count_nonzero(complete)
     if left < max(2.0, _LEAST_USABLE * number):
         raise ValueError(
-            f"{raw.name}: only {left} of {number} samples have time, position and "
-            "orientation; look at the recording"
+            f"only {left} of {number} samples have time, position and orientation; "
+            "look at the recording"
         )
     if left < number:
         notes.add(f"{number - left} of {number} samples missing")
@@ -192,7 +217,7 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
         wrenches=raw.wrenches,
         signals={name: np.nan_to_num(signal) for name, signal in signals.items()},
     )[complete]
-    samples = _in_order(samples, raw.name, notes)
+    samples = _in_order(samples, notes)
     # The sign of each quaternion that is closer to the sample before.
     quaternions = samples.poses[:, 3:]
     overlap = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
@@ -216,12 +241,14 @@ def _lost(values: FloatArray, neutral: Sequence[float]) -> NDArray[np.bool_]:
     return np.asarray(at_neutral & far)
 
 
-def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
+def _in_order(samples: Samples, notes: Notes) -> Samples:
     """Return samples in order of time, from 0 and without repeated stamps."""
     if backwards := int(np.count_nonzero(np.diff(samples.times) < 0.0)):
         samples = samples[np.argsort(samples.times, kind="stable")]
         notes.warn(f"time stamps went back {backwards} times: sorted")
     first = np.concatenate([[True], np.diff(samples.times) > 0.0])
+    if first.sum() < 2:
+        raise ValueError("all samples have the same time stamp")
     if repeated := np.count_nonzero(~first):
         text = f"{repeated} samples with a repeated time stamp left out"
         moved = (np.diff(samples.poses, axis=0) != 0.0).any(axis=1) & ~first[1:]
@@ -235,12 +262,10 @@ def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
         else:
             notes.add(text)
         samples = samples[first]
-    if len(samples.times) < 2:
-        raise ValueError(f"{name}: all samples have the same time stamp")
     times = samples.times - samples.times[0]
     if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
         raise ValueError(
-            f"{name}: time stamps span {times[-1]:.3g} s in steps of usually "
+            f"time stamps span {times[-1]:.3g} s in steps of usually "
             f"{samples.step:.3g} s; look at the first and the last, and at the unit"
         )
     return replace(samples, times=times)
@@ -260,6 +285,11 @@ def without_spikes(samples: Samples, notes: Notes) -> Samples:
     for sizes, limit in ((lengths, _FASTEST), (angles, _FASTEST_TURN)):
         usual = np.median(sizes[sizes > 0.0]) if (sizes > 0.0).any() else 0.0
         jumps |= (sizes > _OUTLYING * usual) & (sizes > limit * steps)
+    if (usual_speed := np.median(lengths / steps)) > _FASTEST:
+        notes.warn(
+            f"it moves at {usual_speed:.0f} m/s: are several sources mixed, or is a "
+            "unit wrong?"
+        )
     kept, stay = np.full(len(samples.times), True), list[int]()
     for jump in np.flatnonzero(jumps).tolist():
         if stay and jump - stay[-1] <= _LONGEST_SPIKE:
@@ -382,7 +412,12 @@ def at_rate(samples: Samples, rate: float, most: int) -> Samples:
     if rate == 0.0:
         return samples
     start, end = samples.times[[0, -1]]
-    number = max(2, round((end - start) * rate) + 1)
+    number = round((end - start) * rate) + 1
+    if number < 3:
+        raise ValueError(
+            f"it lasts {end - start:.2g} s: is the unit of its times right? say "
+            "--time-unit, or a higher --rate"
+        )
     if number > most:
         likely = likely_time_unit(samples.step) or "s"
         hint = f"; are times in {likely}? say --time-unit {likely}" * (likely != "s")

@@ -29,7 +29,6 @@ _DEFAULT_HAND: Final = "robot0_eef"  # Of robomimic.
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 WRENCH: Final = "observation.force"
-_ORIENTED: Final = re.compile("roll|pitch|yaw|rot|quat|orient|euler|rpy")
 AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the state"}
 """Entry ``info`` of the feature of wrenches that gplfd writes."""
 
@@ -253,8 +252,9 @@ def robomimic(path: Path, settings: ImportSettings) -> list[RawRecording]:
                 for what, key in sources.items()
             }
             signals = {"gripper": obs[gripper][()]} if gripper in obs else {}
-            motion = _motion(label, arrays, angles)
-            motions.append(replace(motion, unit="m", signals=signals))
+            motion = replace(_motion(label, arrays, angles), unit="m", signals=signals)
+            unused = {key for key in obs if key.startswith(f"{hand}_")}
+            motions.append(_not_turning(motion, unused - {*sources.values()}))
     if rate is None:
         return motions
     return [replace(m, times=np.arange(len(m.positions)) / rate) for m in motions]
@@ -295,9 +295,7 @@ def lerobot(path: Path, settings: ImportSettings) -> list[RawRecording]:
         _, feature = chosen(force, vectors, "feature of numbers", file=path.name)
         observed, widths[force] = feature.get("info") == AS_OBSERVED, len(tables.FORCE)
     unused = {head for head in heads if tables.understood(head)[0] is None}
-    unused |= vectors.keys() - widths.keys()
-    unused = {text for text in unused if _ORIENTED.search(text.lower())}
-    not_used = f"{', '.join(sorted(unused))!s:.200} are not used: it has no orientation"
+    unused |= {name for name in vectors if name.startswith("observation")} - {*widths}
     rate = entry(info, "fps", float)
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files or not rate > 0.0:
@@ -328,11 +326,17 @@ def lerobot(path: Path, settings: ImportSettings) -> list[RawRecording]:
     for rows in np.split(order, starts):
         label = f"{path.name}: episode {int(episodes[rows[0]])}"
         of_episode = {key: (column[rows], u) for key, (column, u) in columns.items()}
-        motion = tables.recording(label, of_episode, settings)
-        if motion.quaternions is None and unused:
-            motion = replace(motion, notes=(*motion.notes, not_used))
+        motion = _not_turning(tables.recording(label, of_episode, settings), unused)
         recordings.append(replace(motion, forces_on="hand" if observed else None))
     return recordings
+
+
+def _not_turning(motion: RawRecording, unused: Iterable[str]) -> RawRecording:
+    """Return a motion, which without orientations has a note on what is not used."""
+    if motion.quaternions is not None or not unused:
+        return motion
+    note = f"{tables.listed(sorted(unused))} are not used: it has no orientation"
+    return replace(motion, notes=(*motion.notes, note))
 
 
 def own_set(path: Path, settings: ImportSettings) -> list[RawRecording]:

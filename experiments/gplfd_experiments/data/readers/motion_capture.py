@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import RawRecording, chosen
-from gplfd_experiments.data.settings import RADIANS, ImportSettings
+from gplfd_experiments.data.readers.tables import UNIT_WORDS, text_of
+from gplfd_experiments.data.settings import METRES, RADIANS, ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 
@@ -20,7 +21,6 @@ _DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
 """Default joints; the first one that exists is used."""
 _MOTION: Final = re.compile(r"\s*Frames\s*:\s*(\d+)\s+Frame\s+Time\s*:\s*(\S+)")
 _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
-_UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
 _UNCOUNTED: Final = 2**16 - 1  # Last frame in the header of a longer file.
 _BLOCK: Final = 512  # C3D files consist of blocks of so many bytes.
 _RIGID: Final = 0.01
@@ -41,8 +41,7 @@ def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
 
     Positions in its frames replace a joint's OFFSET.
     """
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    hierarchy, _, motion = text.partition("MOTION")
+    hierarchy, _, motion = text_of(path).partition("MOTION")
     # The joints by their names, and how many numbers a frame has.
     words = (
         (number, word)
@@ -55,12 +54,12 @@ def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
     try:
         for line, word in words:
             number = line
-            match word:
-                case "ROOT" | "JOINT" | "End":
+            match word.upper():
+                case "ROOT" | "JOINT" | "END":
                     name = [part for _, part in takewhile(lambda w: w[1] != "{", words)]
                     parent = stack[-1] if stack else None
                     stack.append(_Joint(parent, [0.0, 0.0, 0.0], {}))
-                    if word != "End":
+                    if word.upper() != "END":
                         joints.setdefault(" ".join(name), []).append(stack[-1])
                 case "}":
                     stack.pop()
@@ -92,6 +91,8 @@ def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
     if head is None:
         raise ValueError("after MOTION come 'Frames: N', 'Frame Time: SECONDS'")
     count, period = int(head[1]), float(head[2])
+    if not 0.0 < period < math.inf:
+        raise ValueError(f"its Frame Time is {period:g} s, and must be greater than 0")
     numbers = np.array(motion[head.end() :].split(), dtype=np.float64)
     if numbers.size != count * width or not np.isfinite(numbers).all():
         raise ValueError(
@@ -200,7 +201,8 @@ def c3d(path: Path, settings: ImportSettings) -> list[RawRecording]:
     for number in ("", *map(str, range(2, 20))):
         labels += parameters.get(f"LABELS{number}", {}).get("value", [])
     labels += map(str, range(len(labels) + 1, points.shape[1] + 1))
-    places = {label.strip(): at for at, label in enumerate(labels[: points.shape[1]])}
+    labels = [label.strip() or str(n) for n, label in enumerate(labels, start=1)]
+    places = {label: at for at, label in enumerate(labels[: points.shape[1]])}
     body, quaternions = settings.body, None
     if body is not None and "," in body and body not in places:
         names = [name.strip() for name in body.split(",")]
@@ -210,12 +212,17 @@ def c3d(path: Path, settings: ImportSettings) -> list[RawRecording]:
         body, place = chosen(body, places, "marker", file=path.name)
         positions = markers[:, place]
     unit = "".join(parameters.get("UNITS", {}).get("value", [])[:1]).strip().lower()
-    if unit and unit not in _UNITS and settings.units is None:
+    unit = UNIT_WORDS.get(unit, unit)
+    if unit and unit not in METRES and settings.units is None:
         raise ValueError(
-            f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}; say --units"
+            f"POINT:UNITS is {unit!r:.40}, known are {', '.join(METRES)}; say --units"
         )
     name, times = f"{path.name}: {body}", np.arange(count) / rate
-    return [RawRecording(name, positions, _UNITS.get(unit), times, quaternions)]
+    return [
+        RawRecording(
+            name, positions, unit if unit in METRES else None, times, quaternions
+        )
+    ]
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:

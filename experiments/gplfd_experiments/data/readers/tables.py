@@ -6,12 +6,15 @@ what moves, ``hand.position.x``. Other columns are not used.
 
 import csv
 import io
+import itertools
 import math
 import re
 import textwrap
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -148,6 +151,7 @@ def understood(head: str) -> tuple[str | None, str | None, str]:
         name = _CANONICAL.get("_".join(words[start:]))
         # A name alone is that of something only if no other quantity has it.
         clear = start < len(words) - 1 or name in {*QUATERNION, *EULER}
+        clear |= name in POSITION and unit in METRES
         owner = " ".join(words[:start])
         clear = not owner or (clear and not _OF_ANOTHER.search(owner))
         if name is not None and clear:
@@ -411,25 +415,30 @@ def quaternions_of(
     return quaternions
 
 
-def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motion in a table of a text file; errors contain the line number.
-
-    Columns are separated by comma, semicolon, tab or spaces. Unless commas separate
-    columns, numbers may have decimal commas. Lines of names are joined, as of Motive.
-    """
+def text_of(path: Path) -> str:
+    """Return the text of a file in Unicode, by its first bytes, or in Latin-1."""
     content, encoding = path.read_bytes(), "utf-8-sig"
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     elif b"\0" in content[:2]:
         encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
     try:
-        decoded = content.decode(encoding)
+        return content.decode(encoding)
     except UnicodeDecodeError:
-        decoded = content.decode("latin-1")
+        return content.decode("latin-1")
+
+
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
+    """Read the motion in a table of a text file; errors contain the line number.
+
+    Columns are separated by comma, semicolon, bar, tab or spaces. Unless commas
+    separate columns, numbers may have decimal commas. Lines of names are joined, as of
+    Motive and Vicon, and a line of units may follow them.
+    """
     # Every line that is neither empty nor a comment, with its number.
     lines = [
         (number, line.strip("\r\n"))
-        for number, line in enumerate(io.StringIO(decoded, newline=""), start=1)
+        for number, line in enumerate(io.StringIO(text_of(path), newline=""), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
@@ -439,7 +448,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
         delimiter = separated[1].replace("\\t", "\t")
     else:
         text = lines[:_MOST_HEADS][-1][1]
-        marks = [*(mark for mark in "\t;," if mark in text), " "]
+        marks = [*(mark for mark in "\t;|," if mark in text), " "]
         delimiter = marks[0]
         for mark in reversed(marks):
             if all(_number(cell, mark) is not None for cell in _cells(text, mark)):
@@ -492,6 +501,7 @@ def _heads(
     in_order = columns if not any("=" in column for column in columns) else ()
     used = [at for at, head in enumerate(in_order) if understood(head)[0]]
     wanted = {column.partition("=")[2] for column in columns}
+    last = 0
     for index, cells in enumerate(rows):
         numeric = [_number(cell, delimiter) is not None for cell in cells]
         names = [understood(cell)[0] for cell in cells]
@@ -504,19 +514,28 @@ def _heads(
                     f"its {len(cells)} columns have no names; give them in their "
                     "order, --columns t,x,y,z,..., with - for one to leave out"
                 )
+            last = index - 1
             break
         elif {"x", "y"} <= set(names) or (wanted and wanted <= set(cells)):
             heads = cells
             if len(set(names) - {None}) < len(names) - names.count(None):
                 # The names of bodies and of quantities are in the lines above.
-                above = [row for row in rows[:index] if len(row) == len(cells)]
+                filled = partial(itertools.accumulate, func=lambda a, b: b or a)
+                lines = [row for row in rows[:index] if len(row) == len(cells)]
+                above = [list(filled(line)) for line in lines]
                 joined = map(" ".join, zip(*above, cells, strict=True))
                 heads = [
                     cell if name == "t" else words.strip()
                     for cell, name, words in zip(cells, names, joined, strict=True)
                 ]
+            below = [cell.lower() for cell in rows[min(index + 1, len(rows) - 1)]]
+            units = [UNIT_WORDS.get(cell, cell) for cell in below]
+            if set(units) - {"", "-"} and set(units) <= _ALL_UNITS | {"", "-"}:
+                pairs = zip(heads, units, strict=True)
+                heads = [f"{h} [{u}]" if u in _ALL_UNITS else h for h, u in pairs]
+                return renamed(heads, columns), index + 2
             return renamed(heads, columns), index + 1
-    return renamed(rows[0], columns), min(1, len(rows) - 1)
+    return renamed(rows[last], columns), min(last + 1, len(rows) - 1)
 
 
 def _cells(text: str, delimiter: str) -> list[str]:
@@ -526,10 +545,13 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 
 def _number(cell: str, delimiter: str) -> float | None:
-    """Return the number in a cell, NaN for a missing one, None for a text."""
+    """Return a number, seconds of a date or clock, NaN if missing, None of a text."""
     if cell.lower() in _MISSING:
         return float("nan")
     try:
+        if ":" in cell:
+            moment = datetime.fromisoformat("1970-01-01T" * ("-" not in cell) + cell)
+            return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
         return float(cell if delimiter == "," else cell.replace(",", "."))
     except ValueError:
         return None
