@@ -144,7 +144,7 @@ def without_fillers(raw: RawRecording) -> RawRecording:
         ends = (values[[0, 1]], values[[-1, -2]]) if len(values) > 1 else ()
         for number, nearest in ends:
             filled = column == number
-            count, others = np.count_nonzero(filled), alike[~filled]
+            count, others = int(filled.sum()), alike[~filled]
             others = others[np.isfinite(others).all(axis=1)]
             if count > 1 and len(others) >= max(ROW, count):
                 span = np.ptp(np.quantile(others, [0.1, 0.9], axis=0), axis=0).max()
