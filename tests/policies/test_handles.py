@@ -111,7 +111,9 @@ def compensation():
 
 
 def held_shut(handles, turn, force=15.0):
+    """Return whether a handle at this turn, of demonstrated 0.8 rad, is turned on."""
     pose = GEOMETRY.hand_poses(0.0, turn)
+    handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.8))
     return bool(handles.turn_further(pose, np.True_, np.float64(force), PERIOD))
 
 
@@ -155,19 +157,22 @@ def test_a_handle_goes_back_as_shown_from_further_away():
 
 
 @pytest.mark.parametrize(
-    ("angle", "turn", "force"),
+    ("angle", "turn", "force", "commanded", "further"),
     [
-        pytest.param(0.0, 0.8, 9.0, id="a light door"),
-        pytest.param(0.0, 0.5, 15.0, id="still being turned"),
-        pytest.param(0.03, 0.8, 15.0, id="open"),
+        pytest.param(0.0, 0.8, 9.0, 0.8, False, id="a light door"),
+        pytest.param(0.0, 0.5, 15.0, 0.8, False, id="still being turned"),
+        pytest.param(0.0, 0.4, 15.0, 0.4, False, id="still being pressed"),
+        pytest.param(0.03, 0.8, 15.0, 0.8, False, id="open"),
+        pytest.param(0.0, 0.6, 15.0, 0.7, True, id="a mean that turns less"),
     ],
 )
-def test_no_handle_is_turned_on_without_need(angle, turn, force):
-    pose = GEOMETRY.hand_poses(angle, turn)
-    handles = compensation()
+def test_no_handle_is_turned_on_without_need(angle, turn, force, commanded, further):
+    pose, handles = GEOMETRY.hand_poses(angle, turn), compensation()
+    handles.hand_poses(GEOMETRY.hand_poses(0.0, commanded))
     closed = np.bool_(angle == 0.0)
-    assert not handles.turn_further(pose, closed, np.float64(force), PERIOD)
-    assert gear(handles) == pytest.approx(1.0)
+    turned = handles.turn_further(pose, closed, np.float64(force), PERIOD)
+    assert turned == further
+    assert (gear(handles) > 1.0) is further
 
 
 def test_a_handle_at_its_stop_is_not_turned_further():
@@ -180,6 +185,7 @@ def test_a_handle_at_its_stop_is_not_turned_further():
     stop = GEOMETRY.hand_poses(0.0, 0.8)
     for angle in np.linspace(0.8, 1.2, 100):
         stop[3] = -angle
+        handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.8))
         handles.turn_further(stop, np.True_, np.float64(15.0), PERIOD)
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 

@@ -31,7 +31,8 @@ below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
 CLOSED_DISTANCE: Final = 0.01
 """A door counts as closed while its handle axis has moved less than this [m]."""
 FOLLOWING_SHARE: Final = 0.8
-"""Share of the commanded turn above which a handle follows, not at its stop. Tuned."""
+"""Share of the commanded turn above which a handle follows, not at its stop, and of the
+demonstrated turn above which it is turned. Tuned."""
 GEAR_RATE: Final = 0.5
 """Growth rate of the gear ratio while the door does not move [1/s]."""
 MAX_GEAR: Final = 1.6
@@ -174,7 +175,7 @@ class HandleMovements(GriddedMovements):
 
         The bolt cannot be observed. A handle is turned further if the door is closed,
         resists along its path with a load [N], and the handle has reached the commanded
-        angle; up to a stop.
+        angle, which is that of the demonstrations; up to a stop.
         """
         turned = []
         for number, pose, shut, force in zip(
@@ -185,15 +186,17 @@ class HandleMovements(GriddedMovements):
             strict=True,
         ):
             handle, gear = self._handles[number], self._gears[number]
-            if not shut:
-                self._pressed[number] = None
+            pressed = (self._pressed[number] or 0.0) if shut else None
+            self._pressed[number] = pressed
             turns = shut and force >= LATCHED_FORCE and gear < MAX_GEAR
-            if turns:
-                follows = FOLLOWING_SHARE * gear * handle.travel
+            if turns and pressed is not None:
+                demonstrated = gear * handle.travel
+                commanded = min(pressed, demonstrated)
+                follows = FOLLOWING_SHARE * commanded
                 if handle.arm > 0.0:
-                    lag = _SERVO_LAG / handle.arm
-                    follows = min(follows, gear * handle.travel - lag)
+                    follows = min(follows, commanded - _SERVO_LAG / handle.arm)
                 turns = handle.turned(pose) >= follows
+                turns = turns and commanded >= FOLLOWING_SHARE * demonstrated
             if turns:
                 gear = min(gear + GEAR_RATE * period, MAX_GEAR)
                 self._gears[number] = gear
@@ -249,9 +252,10 @@ class HandleLoad(Load):
         turned = self._movements.turn_further(poses, closed, load, self._period, rows)
         # A closer may hold a door with more than a held hand bears: pull harder, and
         # give up at a door that is locked.
-        sign = np.where(closed & (load >= LATCHED_FORCE), 1.0, -1.0)
-        change = np.where(turned, 0.0, sign * INSISTENCE_RATE * self._period)
-        changed = np.maximum(insistence + change, 0.0)
+        held = closed & (load >= LATCHED_FORCE)
+        carried = np.where(held, np.maximum(insistence, load), insistence)
+        change = np.where(held, INSISTENCE_RATE, -INSISTENCE_RATE) * self._period
+        changed = np.maximum(carried + np.where(turned, 0.0, change), 0.0)
         given_up = (insistence < 0.0) | (changed > GIVING_UP)
         self._insistence[rows] = np.where(given_up, -1.0, changed)
         # While the hand turns the handle further, it does not pull harder.
