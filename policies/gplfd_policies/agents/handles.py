@@ -40,8 +40,7 @@ MAX_GEAR: Final = 1.6
 INSISTENCE_RATE: Final = 20.0
 """Rate at which the hand pulls harder at a door that does not move [N/s]."""
 GIVING_UP: Final = 68.0
-"""Insistence at which it gives up [N]: half a second after the 58 N that an arm can
-carry, and 2.1 s after the 26 N of a held hand."""
+"""Force at which it gives up [N]: half a second after the 58 N that the arm carries."""
 
 
 def controller_of(
@@ -118,8 +117,7 @@ class HandleMovements(GriddedMovements):
     def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return hand poses at these rows' handle turns for poses of the movements.
 
-        Handles of closed doors do not turn back, although the set-point may be ahead
-        where demonstrated ones do: their bolts would be extended again.
+        Handles of closed doors do not turn back: bolts would be extended again.
         """
         return self._geared(poses, 1.0, rows)
 
@@ -190,13 +188,11 @@ class HandleMovements(GriddedMovements):
             self._pressed[number] = pressed
             turns = shut and force >= LATCHED_FORCE and gear < MAX_GEAR
             if turns and pressed is not None:
-                demonstrated = gear * handle.travel
-                commanded = min(pressed, demonstrated)
-                follows = FOLLOWING_SHARE * commanded
+                follows = FOLLOWING_SHARE * pressed
                 if handle.arm > 0.0:
-                    follows = min(follows, commanded - _SERVO_LAG / handle.arm)
-                turns = handle.turned(pose) >= follows
-                turns = turns and commanded >= FOLLOWING_SHARE * demonstrated
+                    follows = min(follows, pressed - _SERVO_LAG / handle.arm)
+                turns = pressed >= FOLLOWING_SHARE * gear * handle.travel
+                turns = turns and handle.turned(pose) >= follows
             if turns:
                 gear = min(gear + GEAR_RATE * period, MAX_GEAR)
                 self._gears[number] = gear
@@ -256,8 +252,8 @@ class HandleLoad(Load):
         carried = np.where(held, np.maximum(insistence, load), insistence)
         change = np.where(held, INSISTENCE_RATE, -INSISTENCE_RATE) * self._period
         changed = np.maximum(carried + np.where(turned, 0.0, change), 0.0)
-        given_up = (insistence < 0.0) | (changed > GIVING_UP)
-        self._insistence[rows] = np.where(given_up, -1.0, changed)
+        over = (insistence < 0.0) | (changed > GIVING_UP)
+        self._insistence[rows] = np.where(over, -1.0, changed)
         # While the hand turns the handle further, it does not pull harder.
         pace = np.where(turned, np.minimum(response.pace, 0.0), response.pace)
         return replace(response, pace=pace)
