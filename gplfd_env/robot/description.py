@@ -50,7 +50,7 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
         if joint.range[0] == joint.range[1]:
             # The joint is continuous; no door needs more than a turn to each side.
             joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
-    for link, mesh, geom in _meshes(str(path), path.read_bytes()):
+    for link, mesh, geom in _meshes(str(path), content_of(path)):
         body = spec.body(link)
         if body is not None:  # Links above the base link are left out.
             spec.add_mesh(**mesh)
@@ -71,6 +71,21 @@ def urdf_path(urdf: str) -> Path:
     if path.name == urdf and urdf in ASSETS:
         return asset_path(urdf)
     raise FileNotFoundError(f"{urdf}: there is no such URDF")
+
+
+def content_of(path: Path) -> bytes:
+    """Return a URDF with the sizes and times of its meshes, by which it is cached."""
+    import yourdfpy
+
+    logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh
+    content, stamps = path.read_bytes(), []
+    for name in re.findall(rb"""filename=["']([^"']+)""", content):
+        found = yourdfpy.filename_handler_magic(
+            name.decode("utf-8", "replace"), path.parent
+        )
+        if Path(found).is_file():
+            stamps.append((Path(found).stat().st_size, Path(found).stat().st_mtime_ns))
+    return content + f"<!-- {stamps} -->".encode() if stamps else content
 
 
 def prefixed(name: str) -> str:
@@ -234,11 +249,17 @@ def _mend_inertias(tree: ET.Element, urdf: Any, robot: RobotConfig, file: str) -
                 moments |= dict.fromkeys(("ixx", "iyy", "izz"), even)
                 ET.SubElement(inertial, "inertia", moments)
     if mended:
-        warnings.warn(
+        _warn_once(
             f"{file}: no body has the inertia of {', '.join(mended)}; it is left out "
             "off the arm, and the same about all axes on the arm",
-            stacklevel=2,
+            robot.content,
         )
+
+
+@lru_cache(maxsize=8)
+def _warn_once(text: str, content: bytes) -> None:
+    """Warn of what is in a URDF, which is read for every scene."""
+    warnings.warn(text, stacklevel=2)
 
 
 def _origin(place: Array, axes: Array) -> dict[str, str]:
@@ -254,7 +275,6 @@ def _meshes(
     """Return links, meshes and geoms of a URDF; warn of files that cannot be read."""
     import trimesh
 
-    logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh
     meshes, urdf, absent = [], _read(path, content)[0], list[str]()
     for link in urdf.robot.links:
         for number, visual in enumerate(link.visuals):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd_env.robot.config import RobotConfig, tabulated_stances
+from gplfd_env.robot.description import content_of
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
@@ -42,11 +43,13 @@ def robot_named(spec: RobotSpec) -> RobotConfig:
     name = os.fspath(spec)
     if not name.endswith((".json", ".urdf")):
         return _named(name)
+    if name.endswith(".urdf"):
+        return _of_file(name, (content_of(Path(name)),))
     content = [Path(name).read_bytes()]
     if name.endswith(".json"):
         with contextlib.suppress(ValueError, TypeError, KeyError, OSError):
             path = Path(name).parent / json.loads(content[0])["path"]
-            content.append(path.read_bytes())
+            content.append(content_of(path))
     return _of_file(name, tuple(content))
 
 

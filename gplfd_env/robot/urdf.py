@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 import re
+import warnings
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ import numpy as np
 from gplfd_env.conventions.constants import Base, Vector
 from gplfd_env.robot.config import BASE_RADIUS, Capsule, RobotConfig, grasp_axes
 from gplfd_env.robot.description import (
+    content_of,
     described_robot,
     lineage,
     prefixed,
@@ -86,7 +88,7 @@ def robot_of_urdf(
     robot = RobotConfig(
         name=name or urdf.robot.name,
         urdf=str(path),
-        content=path.read_bytes(),
+        content=content_of(path),
         base_link=bases[0] if moves or far else "",
         base=base,
         arm=tuple(joint for joint, _ in arm),
@@ -191,6 +193,7 @@ def chosen(robot: RobotConfig) -> str:
     return f"{robot.name}: joints {joints}; hand: {hand}; on the stand: {stand}"
 
 
+_JAW: Final = 2.1  # A joint that turns less may open a gripper [rad].
 _HAND: Final = re.compile("gripper|finger|jaw|thumb|knuckle|claw", re.IGNORECASE)
 _RIGHT: Final = re.compile("(?i:right)|(?<![A-Za-z])[rR](?![a-z])")
 _SIDE: Final = re.compile("(?i:left|right)|(?<![A-Za-z])[lrLR](?![a-z])")
@@ -202,7 +205,8 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
     If no tool is given, it is the link before the gripper of the chain with most
     turning joints, or the last link of that chain. Behind five turning joints a gripper
     begins where the chain branches into parts that move, or at a joint that slides, is
-    mimicked or mimics, or is named like one.
+    mimicked or mimics, or is named like one; behind six also at the last one if it
+    opens as a jaw.
     """
     joints = list(urdf.joint_map.values())
     above = {joint.child: joint for joint in joints}
@@ -220,13 +224,15 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
         for link in reversed(lineage(urdf, end)[:-1]):
             joint = above[link]
             turns = joint.type in ("revolute", "continuous")
+            low, high = _range(joint)
+            opens = high - low < _JAW and min(-low, high) < 0.1 and link not in parents
             ends = (
                 not (turns or joint.type == "fixed")
                 or branching.count(joint.parent) > 1
                 or joint.mimic is not None
                 or joint.name in mimicked
                 or (joint.type != "fixed" and _HAND.search(joint.name))
-                or (len(arm) >= 6 and _HAND.search(link))
+                or (len(arm) >= 6 and (_HAND.search(link) or (turns and opens)))
             )
             if not tool and len(arm) >= 5 and ends:
                 return arm, joint.parent
@@ -240,6 +246,15 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
         # The link before a gripper, else the last link in the file: often the flange.
         if arms.get(arm) is None or arms[arm] not in parents or end in parents:
             arms[arm] = end
+    for link in lineage(urdf, tool or max(arms.items(), key=lambda a: len(a[0]))[1])[
+        :-1
+    ]:
+        if mimic := above[link].mimic:
+            raise ValueError(
+                f"{file}: joint {above[link].name} of the arm mimics {mimic.joint}, "
+                "but every joint is driven by itself: leave out its <mimic>, or give "
+                "tool, a link before it"
+            )
     most = max(map(len, arms))
     longest = {arm: end for arm, end in arms.items() if len(arm) == most}
     ends = list(longest.values())
@@ -255,7 +270,23 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
         )
     # Of two arms the right one.
     right = max(longest, key=lambda arm: bool(_RIGHT.search(arm[-1][0])))
+    low, high = _range(above[right[-1][1]])
+    if not tool and len(right) > 6 and high - low < _JAW:
+        warnings.warn(
+            f"{file}: the last joint, {right[-1][0]}, turns by "
+            f"{math.degrees(high - low):.0f}°: if it opens a gripper, give the link "
+            f'before as tool, in a .json: {{"path": "{file}", "tool": '
+            f'"{above[right[-1][1]].parent}"}}',
+            stacklevel=2,
+        )
     return right, longest[right]
+
+
+def _range(joint: Any) -> tuple[float, float]:
+    """Return the limits of a revolute joint [rad], unlimited for another."""
+    if joint.type != "revolute" or joint.limit is None:
+        return -math.inf, math.inf
+    return joint.limit.lower or 0.0, joint.limit.upper or 0.0
 
 
 # Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
@@ -293,7 +324,7 @@ def _limits(
             f'"{what}": {{"{without[0]}": ...}}, or one number for all, {unit})'
         )
     for name, joint in joints.items():
-        low, high = (getattr(joint.limit, end, 0) or 0.0 for end in ("lower", "upper"))
+        low, high = _range(joint)
         turns = joint.type == "revolute"
         if turns and (not low < high or max(-low, high) > _MOST_TURNED):
             raise ValueError(

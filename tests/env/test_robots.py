@@ -206,6 +206,7 @@ LINK = (
 )
 JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>{}</joint>'
 JAW = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="5" velocity="1"/>'
+JAW_OPENS = JAW.replace('"-1"', '"0"')
 
 
 def attached(name, kind, link, child, rest="", mass=0.1, inertia=0.001):
@@ -221,6 +222,7 @@ def attached(name, kind, link, child, rest="", mass=0.1, inertia=0.001):
         ("", "tool0", None),
         # A gripper: named so, mimicked, sliding, or with two fingers.
         (attached("jaw", "revolute", "tool0", "moves", JAW), "tool0", None),
+        (attached("j7", "revolute", "tool0", "klaue", JAW_OPENS), "tool0", None),
         (
             attached("drive", "revolute", "tool0", "near", JAW)
             + attached("m", "revolute", "tool0", "far", JAW + '<mimic joint="drive"/>'),
@@ -256,6 +258,15 @@ def test_the_arm_is_what_lies_before_its_gripper(tmp_path, added, tool, warning)
     assert robot.arm == robot_named("ur5e-like").arm
     assert robot.flange == tool
     assert f"the generic gripper on {tool}" in chosen(robot)
+    described_robot(robot)  # says nothing again
+
+
+def test_a_last_joint_that_may_be_a_grippers_is_asked_about(tmp_path):
+    added = attached("j7", "revolute", "tool0", "klaue", JAW) + "</robot>"
+    path = described(tmp_path, UR5E.read_text().replace("</robot>", added))
+    with pytest.warns(UserWarning, match='j7, turns by 115°: .*"tool": "tool0"'):
+        assert robot_of_urdf(path).arm[-1] == "j7"
+    assert len(robot_of_urdf(path, tool="klaue").arm) == 7
 
 
 @pytest.mark.parametrize(
@@ -291,6 +302,11 @@ def test_the_arm_is_what_lies_before_its_gripper(tmp_path, added, tool, warning)
             "</robot>",
             attached("x", "fixed", "tool0", "x", mass=1e30) + "</robot>",
             "1e",
+        ),
+        (
+            '"elbow_joint" type="revolute">',
+            '"elbow_joint" type="revolute"><mimic joint="shoulder_pan_joint"/>',
+            "joint elbow_joint of the arm mimics shoulder_pan_joint",
         ),
         ("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', None),
     ],
@@ -331,6 +347,17 @@ def test_a_changed_file_is_another_robot(tmp_path):
     assert before.joint("wrist_3_joint") is not None
     file.write_text(json.dumps({"path": "arm.urdf", "base": "mobile"}))
     assert robot_named(file).base == "mobile"
+    # So is one of which a mesh alone changed.
+    text = UR5E.read_text()
+    geometry = text[text.index("<geometry>") : text.index("</geometry>") + 11]
+    mesh = '<geometry><mesh filename="part.stl"/></geometry>'
+    path.write_text(text.replace(geometry, mesh, 1))
+    spans = []
+    for size in (0.1, 0.25):
+        trimesh.creation.box([size] * 3).export(tmp_path / "part.stl")
+        model = described_robot(robot_named(path)).compile()
+        spans.append(np.ptp(model.mesh_vert, axis=0))
+    assert_allclose(spans, [[0.1] * 3, [0.25] * 3], rtol=1e-6)
 
 
 def test_an_archive_is_no_mesh(tmp_path):
