@@ -308,12 +308,21 @@ def test_outputs_that_never_vary_are_predicted_as_such(name, count, aligned):
         assert_allclose(predicted.mean[:, 0], curve, atol=0.01)
 
 
+@pytest.mark.filterwarnings("ignore:One demonstration")
+@pytest.mark.parametrize("fit", [fit_promp, fit_prodmp])
+def test_a_single_demonstration_is_of_unknown_size(fit, aligned):
+    """As the skill of a single demonstration has it, in the outputs that move."""
+    alone, moving = replace(aligned, poses=aligned.poses[:1], clocks=None), [0, 2, 4]
+    trajectory, skill = fit(alone).predict(GRID), fit_skill(alone).predict(GRID)
+    assert_allclose(trajectory.mean, skill.mean, atol=5e-3)
+    error = ((trajectory.std - skill.std) / skill.std.max(axis=0))[:, moving]
+    assert_allclose(error, 0.0, atol=0.05)
+
+
 @pytest.mark.parametrize(
     ("fit", "message"),
     [
-        (fit_promp, "at least 2 demonstrations, got 1"),
         (FITS["wishart-gp"], "at least 2 demonstrations, got 1"),
-        (fit_prodmp, "at least 2 demonstrations, got 1"),
         (partial(fit_gmr, config=GMRConfig(components=61)), "61 components need as ma"),
         (
             partial(fit_local_gp, config=LocalGPConfig(clusters=16)),

@@ -42,6 +42,7 @@ from gplfd_policies.movements.baselines.promp import (
     WeightMovement,
     learn_weights,
 )
+from gplfd_policies.movements.skill import SIZE_STD
 
 _LONGEST: Final = 5.0
 """Time in τ at which the response ends, as in the paper: x = exp(-15)."""
@@ -105,7 +106,10 @@ def fit_prodmp(
     basis = orthonormal(basis, triangle)
     learned = learn_weights(driven, basis, basis.T)
     # Within the span of the basis, white deviations of the demonstrated variance.
-    variance = driven.var(axis=0, ddof=1).mean(axis=0)
+    if len(driven) > 1:
+        variance = driven.var(axis=0, ddof=1).mean(axis=0)
+    else:
+        variance = ((SIZE_STD * driven[0]) ** 2).mean(axis=0)
     white = np.repeat(variance * (len(basis) / size), size)
     covariance = (1.0 - config.shrinkage) * learned["weight_covariance"]
     covariance += config.shrinkage * np.diag(white)

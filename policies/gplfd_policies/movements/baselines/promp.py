@@ -31,6 +31,7 @@ from gplfd_policies.movements.movement import (
     ViaPoint,
     checked_times,
 )
+from gplfd_policies.movements.skill import SIZE_STD
 
 Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 """Basis functions at M phases and their derivatives, per unit phase."""
@@ -151,14 +152,12 @@ def learn_weights(
     basis: Float[np.ndarray, "M B"],
     regression: Float[np.ndarray, "B M"],
 ) -> dict[str, Any]:
-    """Learn μ, Σ = S and R from curves, whose weights ``regression`` gives."""
+    """Learn μ, Σ = S and R from curves, whose weights ``regression`` gives.
+
+    For a single demonstration S is the variance of its unknown size, as in `Skill`.
+    """
     count, n_phases, _ = poses.shape
     size = basis.shape[1]
-    if count < 2:
-        raise ValueError(
-            "A probabilistic movement primitive learns how repetitions differ, which "
-            f"needs at least 2 demonstrations, got {count}."
-        )
     if n_phases <= size:
         raise ValueError(
             f"{size} basis functions need more than {size} phases, got {n_phases}: "
@@ -167,10 +166,14 @@ def learn_weights(
     weights = np.einsum("bm,kmd->kdb", regression, poses)
     residuals = poses - np.einsum("mb,kdb->kmd", basis, weights)
     freedom = count * (n_phases - np.trace(regression @ basis))
-    weights = weights.reshape(count, -1)
+    if count > 1:
+        covariance = np.cov(weights.reshape(count, -1), rowvar=False)
+    else:
+        larger = SIZE_STD * weights[0]
+        covariance = scipy.linalg.block_diag(*(np.outer(w, w) for w in larger))
     return {
-        "weight_mean": weights.mean(axis=0),
-        "weight_covariance": np.cov(weights, rowvar=False),
+        "weight_mean": weights.reshape(count, -1).mean(axis=0),
+        "weight_covariance": covariance,
         "noise_variance": np.sum(residuals**2, axis=(0, 1)) / freedom,
     }
 
