@@ -138,6 +138,15 @@ def test_a_door_that_does_not_give_has_its_handle_turned_on():
     assert gear(handles) == pytest.approx(1.0)
 
 
+def test_a_handle_of_short_travel_is_turned_as_far_as_any():
+    handles = HandleMovements(gridded(), [replace(EXACT, travel=0.4)])
+    for _ in range(round(5.0 / PERIOD)):
+        handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.4))
+        pose = GEOMETRY.hand_poses(0.0, 0.4 * gear(handles))
+        handles.turn_further(pose, np.True_, np.float64(15.0), PERIOD)
+    assert 0.4 * gear(handles) == pytest.approx(1.3)
+
+
 def test_a_handle_goes_back_as_shown_from_further_away():
     """As the geometry has it: all turns are multiplied, and the leaf stays.
 

@@ -35,8 +35,8 @@ FOLLOWING_SHARE: Final = 0.8
 demonstrated turn above which it is turned. Tuned."""
 GEAR_RATE: Final = 0.5
 """Growth rate of the gear ratio while the door does not move [1/s]."""
-MAX_GEAR: Final = 1.6
-"""Greatest gear ratio: no handle turns further than about 75°."""
+MAX_TURN: Final = 1.3
+"""Greatest commanded turn [rad]: no handle turns further than about 75°."""
 INSISTENCE_RATE: Final = 20.0
 """Rate at which the hand pulls harder at a door that does not move [N/s]."""
 GIVING_UP: Final = 68.0
@@ -186,7 +186,8 @@ class HandleMovements(GriddedMovements):
             handle, gear = self._handles[number], self._gears[number]
             pressed = (self._pressed[number] or 0.0) if shut else None
             self._pressed[number] = pressed
-            turns = shut and force >= LATCHED_FORCE and gear < MAX_GEAR
+            most = MAX_TURN / handle.travel
+            turns = shut and force >= LATCHED_FORCE and gear < most
             if turns and pressed is not None:
                 follows = FOLLOWING_SHARE * pressed
                 if handle.arm > 0.0:
@@ -194,7 +195,7 @@ class HandleMovements(GriddedMovements):
                 turns = pressed >= FOLLOWING_SHARE * gear * handle.travel
                 turns = turns and handle.turned(pose) >= follows
             if turns:
-                gear = min(gear + GEAR_RATE * period, MAX_GEAR)
+                gear = min(gear + GEAR_RATE * period, most)
                 self._gears[number] = gear
             turned.append(turns)
         return np.reshape(np.array(turned, dtype=np.bool_), np.shape(load))
