@@ -78,13 +78,11 @@ def content_of(path: Path) -> bytes:
     import yourdfpy
 
     logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # says it once per mesh
-    content, stamps = path.read_bytes(), []
-    for name in re.findall(rb"""filename=["']([^"']+)""", content):
-        found = yourdfpy.filename_handler_magic(
-            name.decode("utf-8", "replace"), path.parent
-        )
-        if Path(found).is_file():
-            stamps.append((Path(found).stat().st_size, Path(found).stat().st_mtime_ns))
+    content, find = path.read_bytes(), yourdfpy.filename_handler_magic
+    names = re.findall(rb"""filename=["']([^"']+)""", content)
+    files = [Path(find(name.decode("utf-8", "replace"), path.parent)) for name in names]
+    stats = [file.stat() for file in files if file.is_file()]
+    stamps = [(stat.st_size, stat.st_mtime_ns) for stat in stats]
     return content + f"<!-- {stamps} -->".encode() if stamps else content
 
 

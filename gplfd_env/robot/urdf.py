@@ -236,7 +236,7 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
             )
             if not tool and len(arm) >= 5 and ends:
                 return arm, joint.parent
-            if turns and joint.mimic is None:
+            if turns:
                 arm += ((joint.name, link),)
         return arm, end
 
@@ -246,15 +246,6 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
         # The link before a gripper, else the last link in the file: often the flange.
         if arms.get(arm) is None or arms[arm] not in parents or end in parents:
             arms[arm] = end
-    for link in lineage(urdf, tool or max(arms.items(), key=lambda a: len(a[0]))[1])[
-        :-1
-    ]:
-        if mimic := above[link].mimic:
-            raise ValueError(
-                f"{file}: joint {above[link].name} of the arm mimics {mimic.joint}, "
-                "but every joint is driven by itself: leave out its <mimic>, or give "
-                "tool, a link before it"
-            )
     most = max(map(len, arms))
     longest = {arm: end for arm, end in arms.items() if len(arm) == most}
     ends = list(longest.values())
@@ -270,23 +261,25 @@ def _arm_of(urdf: Any, file: str, tool: str) -> tuple[Arm, str]:
         )
     # Of two arms the right one.
     right = max(longest, key=lambda arm: bool(_RIGHT.search(arm[-1][0])))
-    low, high = _range(above[right[-1][1]])
+    for joint in (above[link] for _, link in right):
+        if joint.mimic:
+            raise ValueError(
+                f"{file}: joint {joint.name} of the arm mimics {joint.mimic.joint}, but"
+                " each is driven by itself: leave out <mimic>, or give a tool before it"
+            )
+    low, high = _range(joint)
     if not tool and len(right) > 6 and high - low < _JAW:
-        warnings.warn(
-            f"{file}: the last joint, {right[-1][0]}, turns by "
-            f"{math.degrees(high - low):.0f}°: if it opens a gripper, give the link "
-            f'before as tool, in a .json: {{"path": "{file}", "tool": '
-            f'"{above[right[-1][1]].parent}"}}',
-            stacklevel=2,
-        )
+        last = f"the last joint, {joint.name}, turns by {math.degrees(high - low):.0f}°"
+        hint = f"if it opens a gripper, give as tool the link before, {joint.parent!r}"
+        warnings.warn(f"{file}: {last}: {hint}", stacklevel=2)
     return right, longest[right]
 
 
 def _range(joint: Any) -> tuple[float, float]:
     """Return the limits of a revolute joint [rad], unlimited for another."""
-    if joint.type != "revolute" or joint.limit is None:
-        return -math.inf, math.inf
-    return joint.limit.lower or 0.0, joint.limit.upper or 0.0
+    limited = joint.type == "revolute" and joint.limit is not None
+    ends = (joint.limit.lower, joint.limit.upper) if limited else (-math.inf, math.inf)
+    return ends[0] or 0.0, ends[1] or 0.0
 
 
 # Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one

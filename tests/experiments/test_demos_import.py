@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.cli import main as cli
+from gplfd_experiments.data import importing
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
@@ -107,6 +108,22 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
 
 
 @pytest.mark.usefixtures("reads_here")
+def test_a_folder_that_another_command_makes_meanwhile_is_not_replaced(
+    files, monkeypatch, caplog
+):
+    prepare = importing.prepare
+
+    def slow(*arguments: Any) -> Any:
+        Path("set").mkdir()
+        Path("set/demonstrations.npz").write_bytes(b"a run's")
+        return prepare(*arguments)
+
+    monkeypatch.setattr(importing, "prepare", slow)
+    assert imported(*files, "--frame", "hinge", "--out", "set") == 2
+    assert "set was made meanwhile; give another folder" in caplog.text
+    assert Path("set/demonstrations.npz").read_bytes() == b"a run's"
+
+
 def test_forces_are_imported_as_the_options_say(files):
     first, *rows = Path("0.csv").read_text().splitlines()
     forces = [f"{row},0,0,{5.0 + number % 3},0,0,0" for number, row in enumerate(rows)]

@@ -63,7 +63,7 @@ def import_recordings(
         for file in files
     ]
     frames = {"hinge": npz.FRAME, "first-pose": npz.FIRST_POSE}
-    with complete_folder(folder) as written:
+    with complete_folder(folder, replace=overwrite) as written:
         written.mkdir()
         npz.save_demonstrations(
             written / npz.FILE,

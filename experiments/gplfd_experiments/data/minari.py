@@ -139,7 +139,7 @@ def write_dataset(
             "digits, _ and - with a version at the end, for example door-opening-v0"
         )
     check_replaceable(target, _METADATA, "data set", overwrite=overwrite)
-    with complete_folder(target) as whole:
+    with complete_folder(target, replace=overwrite) as whole:
         whole.mkdir()
         storage = MinariStorage.new(
             whole / "data", env.observation_space, env.action_space, env.spec

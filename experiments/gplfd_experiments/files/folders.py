@@ -20,16 +20,16 @@ def check_replaceable(folder: Path, mark: str, kind: str, *, overwrite: bool) ->
 
 
 @contextlib.contextmanager
-def complete_folder(path: str | Path) -> Iterator[Path]:
+def complete_folder(path: str | Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield a folder to write to; it becomes ``path`` if the block succeeds.
 
-    Parent folders of ``path`` are created, and an existing folder is replaced. If the
-    block raises, nothing changes. The yielded path has the same name and does not
-    exist; the block creates it.
+    Parent folders of ``path`` are created, and a folder that exists now is replaced or
+    refused. If the block raises, nothing changes. The yielded path has the same name
+    and does not exist; the block creates it.
     """
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)
-    replaced = target.exists()
+    replaced = replace and target.exists()
     with tempfile.TemporaryDirectory(prefix=".", dir=target.parent) as temporary:
         root = Path(temporary)
         written = root / target.name
