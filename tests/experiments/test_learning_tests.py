@@ -147,6 +147,26 @@ def test_folds_take_turns():
         assert (middle.left_out, other.left_out) == (given[1], given[outer])
 
 
+@pytest.mark.filterwarnings("ignore:turns")
+def test_a_left_out_motion_of_two_turns_is_continued_as_the_others_are():
+    share = np.linspace(0.0, 1.0, 200)
+    turn = np.outer(share, [0.0, 0.0, 4.0 * np.pi])
+    tilted = [
+        Rotation.from_rotvec(turn) * Rotation.from_rotvec(np.outer(share, [tilt, 0, 0]))
+        for tilt in (-0.02, 0.03, 0.01)
+    ]
+    *others, left_out = (
+        Demonstration.from_quaternions(
+            6.0 * share, np.outer(share, [0.2, 0, 0]), r.as_quat(scalar_first=True)
+        )
+        for r in tilted
+    )
+    aligned = align(others)
+    found = aligned_to(left_out, aligned)
+    expected = aligned.poses.mean(axis=0)
+    assert np.abs(found.at(aligned.times) - expected)[:, 3:].max() < 0.1
+
+
 def test_timing_of_the_left_out_demonstration_does_not_matter():
     """The same path in another time lies at the same phases."""
     noisy = ("noise_position", "noise_rotation", "wobble_position", "wobble_rotation")

@@ -17,6 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gplfd_env.spatial.se3 import rotation_distance
+from gplfd_env.spatial.turns import accumulated_rotvecs
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import FINEST, interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -127,10 +128,10 @@ def aligned_to(
     learned = np.mean(
         [_progress(aligned.times, poses) for poses in aligned.poses], axis=0
     )
-    progress = _progress(demonstration.times, demonstration.poses)
-    return OnPhases(
-        phases=np.interp(progress, learned, aligned.times), poses=demonstration.poses
-    )
+    turned, _ = accumulated_rotvecs(demonstration.poses[:, 3:])  # as those learned
+    poses = np.hstack([demonstration.poses[:, :3], turned])
+    progress = _progress(demonstration.times, poses)
+    return OnPhases(phases=np.interp(progress, learned, aligned.times), poses=poses)
 
 
 def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
