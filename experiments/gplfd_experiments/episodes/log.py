@@ -135,7 +135,7 @@ class EpisodeDecisions(_Arrays):
     mode_probability: NumberSeries
     via_point: FlagSeries
     latency_s: NumberSeries
-    """CPU time of the agent's decision [s]."""
+    """CPU time of the agent's decision [s]; NaN where it was not measured."""
     latency_wall_s: NumberSeries
     """Wall time of the agent's decision [s]."""
 

@@ -190,8 +190,8 @@ def episode_metrics(
         "door_smoothness": smoothness,
         "time_to_move": _first(log, np.abs(angle - angle[0]) >= _MOVED),
         **_disturbed(log),
-        "latency_median_ms": 1e3 * float(np.median(agent.latency_s)),
-        "latency_p95_ms": 1e3 * float(np.percentile(agent.latency_s, 95)),
+        "latency_median_ms": 1e3 * float(np.nanmedian(agent.latency_s)),
+        "latency_p95_ms": 1e3 * float(np.nanpercentile(agent.latency_s, 95)),
         "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
         "latency_wall_p95_ms": _finite(1e3 * np.percentile(agent.latency_wall_s, 95)),
     }
