@@ -6,7 +6,12 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
-from gplfd_policies.registry.built_in import PARTS, PUBLISHED, tuned_settings
+from gplfd_policies.registry.built_in import (
+    LEARNERS,
+    PARTS,
+    PUBLISHED,
+    tuned_settings,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -34,6 +39,19 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
         pose = handle_pose_on_arc(0.5, angle)
         step = agent.act({"ee_pose": pose, "wrench": np.full(6, -0.3)})
         assert np.isfinite(step.action).all()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "name", [n for n, learner in LEARNERS.items() if learner.adaptation]
+)
+def test_learners_adapt_a_single_demonstration_themselves(name, demonstrations):
+    agent = make_agent(f"{name}@no-size", demonstrations[:1])
+    agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
+    for angle in (0.0, 0.04, 0.08):
+        pose = handle_pose_on_arc(0.5, angle)
+        step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
+        assert np.isfinite([*step.action, *step.stiffness]).all()
 
 
 @pytest.mark.parametrize(

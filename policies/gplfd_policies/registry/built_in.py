@@ -22,7 +22,12 @@ import numpy as np
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_policies.adaptation import OwnAdaptation
-from gplfd_policies.adaptation.process import ForceAdaptation, ProcessAdaptation
+from gplfd_policies.adaptation.process import (
+    ConditionedProcess,
+    ExactAdaptation,
+    ForceAdaptation,
+    ProcessAdaptation,
+)
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.agents.model_based.following import (
     ChordAgent,
@@ -32,6 +37,7 @@ from gplfd_policies.agents.model_based.following import (
 )
 from gplfd_policies.agents.model_based.mechanism import MechanismFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
+from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
@@ -61,7 +67,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     fit_wishart_gp,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.phase.phase_rule import PathPhaseConfig
 from gplfd_policies.registry.method import (
     Learner,
@@ -83,11 +89,18 @@ DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=4
 """λ as published, and λ_c = N, with which the prior variance is that of the
 demonstrations; the published values are for letters in centimetres."""
 
+
+def _conditioned(skill: Skill, grid: Times) -> ConditionedProcess:
+    """Adapt by how repetitions deviate, which a single demonstration does not show."""
+    form = ProcessAdaptation if skill.count > 1 else ExactAdaptation
+    return form(skill, grid)
+
+
 GP: Final = Learner(
     summary="heteroscedastic Gaussian process",
     fit=fit_skill,
     accepts_prior_mean=True,
-    adaptation=ProcessAdaptation,
+    adaptation=_conditioned,
     force_adaptation=ForceAdaptation,
 )
 """The learner of this project."""
