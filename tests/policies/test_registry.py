@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
 from gplfd_policies.registry.built_in import (
-    LEARNERS,
     PARTS,
     PUBLISHED,
     tuned_settings,
@@ -42,9 +41,7 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "name", [n for n, learner in LEARNERS.items() if learner.adaptation]
-)
+@pytest.mark.parametrize("name", OWN)
 def test_learners_adapt_a_single_demonstration_themselves(name, demonstrations):
     agent = make_agent(f"{name}@no-size", demonstrations[:1])
     agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
