@@ -41,7 +41,7 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", ["gp", "promp", "prodmp", "kmp", "gmm-gp", "tp-gmm"])
 def test_learners_adapt_a_single_demonstration_themselves(name, demonstrations):
     agent = make_agent(f"{name}@no-size", demonstrations[:1])
     agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
