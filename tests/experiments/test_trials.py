@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import json
+import re
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +24,7 @@ from gplfd_experiments.analysis.results.trials import (
     protocol_problems,
     trial_answers,
 )
+from gplfd_experiments.cli.commands.studies import Trials
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs, runner
@@ -68,6 +70,11 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
     later = {name for name, trial in TRIALS.items() if trial.only_policies}
     assert {task.seed for task in tasks} == {FIRST_SEED, FIRST_SEED + 1}
     assert PARTS["whole"].seeds == PARTS["ideas"].seeds == SEEDS
+    counts = [
+        f"{len(tasks_of(part)) * PARTS[part].seeds // FEW[part].seeds:,}"
+        for part in PARTS
+    ]
+    assert re.findall(r"[\d,]+\d", Trials.__doc__ or "") == counts
     met = {}
     for task in tasks:
         met.setdefault(task.policy, set()).add(
