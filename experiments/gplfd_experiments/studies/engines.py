@@ -145,7 +145,8 @@ class Engine:
                 yield client.get_executor(pure=False).submit, sys.maxsize
         except (OSError, CancelledError) as error:
             raise ConnectionError(
-                f"no Dask scheduler with workers answers at {self.address} ({error}): "
+                f"no Dask scheduler with workers answers at {self.address} "
+                f"({str(error) or 'it ended'}): "
                 "start `dask scheduler`, which prints its address, and `dask worker`, "
                 "and run the same command again; finished tasks are kept"
             ) from error
