@@ -183,6 +183,13 @@ def test_no_handle_is_turned_on_without_need(angle, turn, force, commanded, furt
     assert (gear(handles) > 1.0) is further
 
 
+def test_a_knob_is_turned_on_by_the_commanded_angle():
+    knob = HandleMovements(gridded(), [replace(EXACT, point=(0.0, 0.0, 0.0))])
+    knob.hand_poses(GEOMETRY.hand_poses(0.0, 0.7))
+    pose = GEOMETRY.hand_poses(0.0, 0.6)  # more than 0.8 of 0.7 rad, less than of 0.8
+    assert knob.turn_further(pose, np.True_, np.float64(15.0), PERIOD)
+
+
 def test_a_handle_at_its_stop_is_not_turned_further():
     """Nor while the hand turns on the lever, which does not follow."""
     handles = compensation()
@@ -268,9 +275,22 @@ def test_a_hand_pulls_harder_at_a_closed_door_and_gives_up(load):
     assert np.mean(np.greater(borne, 57.0)) * 4.0 == pytest.approx(0.5, abs=0.1)
     assert_allclose(borne[round(2.5 / PERIOD) :], 23.2, rtol=1e-3)
     load.reset()
+    again = [load.update(stuck).compensated_load for _ in range(round(2.0 / PERIOD))]
+    assert max(again) == pytest.approx(58.0)
+    load.reset()
     person = replace(stuck, pose=GEOMETRY.hand_poses(0.03, 0.7))
     moved = [load.update(person).compensated_load for _ in range(round(4.0 / PERIOD))]
     assert max(moved) == pytest.approx(23.2, rel=1e-3)
+
+
+def test_a_hand_does_not_pull_harder_while_it_turns_the_handle():
+    movements = compensation()
+    load = HandleLoad(ComplianceConfig(control_period=PERIOD), movements)
+    movements.hand_poses(PRESSED)
+    stuck = replace(contact(-60.0 * PULL), displacement=-0.03 * PULL)
+    borne = [float(load.update(stuck).compensated_load) for _ in range(4)]
+    assert gear(movements) == pytest.approx(1.0 + 4 * 0.5 * PERIOD)
+    assert borne == pytest.approx([23.2] * 4, rel=1e-3)
 
 
 def test_turning_a_handle_teaches_nothing_of_the_door(load):
