@@ -247,8 +247,7 @@ class HandleLoad(Load):
         along = np.add.reduce(contact.direction * axes[..., :3], axis=-1)
         closed, load = along < CLOSED_DISTANCE, response.compensated_load
         turned = self._movements.turn_further(poses, closed, load, self._period, rows)
-        # A closer may hold a door with more than a held hand bears: pull harder, and
-        # give up at a door that is locked.
+        # A closer may hold a door with more than a held hand bears; so does a lock.
         held = closed & (load >= LATCHED_FORCE)
         carried = np.where(held, np.maximum(insistence, load), insistence)
         change = np.where(held, INSISTENCE_RATE, -INSISTENCE_RATE) * self._period

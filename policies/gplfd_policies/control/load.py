@@ -212,7 +212,8 @@ class LearnedLoad(Load):
     will cause, (r - compensated)/k_min, counts as well. An object that holds the hand
     finally bears k_min (ℓ + `lag`), 13 N with the default profile
     (``test_what_holds_the_hand_bears_the_least_stiffness``). Behind a handle, where
-    fingers do not slip, h `limit` and h ℓ replace `limit` and ℓ: 26 N.
+    fingers do not slip, h `limit` and h ℓ replace `limit` and ℓ: 26 N, or at a closed
+    door `ContactState.insistence`, up to h `limit`.
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)

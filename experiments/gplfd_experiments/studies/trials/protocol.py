@@ -1,8 +1,8 @@
 """Protocol v10: trials, policies, and rules for contrasts.
 
-The trials are in ``protocol.toml``. The protocol is frozen under its version: a change
-of a door, a draw, a demonstration, a measure or a policy that takes part makes another
-version. The criteria were settled before the trials were run.
+The trials are in ``protocol.toml``. v10 is a draft of 1.0, of which three seeds were
+run: a policy left it since, and the agent changed. A whole run freezes a version: then
+a change of a door, a draw, a measure or a policy that takes part makes another one.
 
 Criteria, settled before the run. A track *measures learners* if `oracle` opens at
 least 90 %, the best learner opens at least 15 points more than `mean` in the same
