@@ -1,5 +1,6 @@
 """Engines: every item comes back once, whatever happens to the workers."""
 
+import itertools
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ import dask
 import distributed
 import pytest
 
+from gplfd_experiments.studies import engines
 from gplfd_experiments.studies.engines import Engine, Lost
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.settings import StudySettings
@@ -64,6 +66,22 @@ def test_only_the_item_that_kills_its_workers_is_lost(engine, tmp_path):
     assert [item for item, _ in others] == [0, 2, 3, 4]
     assert os.getpid() not in {process for _, process in others}
     assert [str(warning.message) for warning in caught] == ["of all workers"]
+
+
+def test_an_interruption_right_after_a_call_ends_quietly(monkeypatch):
+    """No thread of the engine fails where workers have not yet taken up a call."""
+
+    def interrupted(*args: Any, **options: Any) -> Any:
+        if next(calls) == 3:
+            raise KeyboardInterrupt
+        return wait(*args, **options)
+
+    wait = engines.wait
+    monkeypatch.setattr(engines, "wait", interrupted)
+    for _ in range(4):  # The thread is late in some of them only.
+        calls = itertools.count()
+        with pytest.raises(KeyboardInterrupt):
+            list(Engine(workers=2).run(lambda _: time.sleep(0.05), range(9)))
 
 
 def test_closing_ends_the_workers(tmp_path):

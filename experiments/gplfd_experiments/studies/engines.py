@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import itertools
 import logging
+import multiprocessing
 import os
 import re
 import signal
@@ -128,7 +129,12 @@ class Engine:
             try:
                 yield lambda *call: executor().submit(*call), number
             finally:
-                executor().shutdown(kill_workers=True)
+                # Killed first: loky's own `kill_workers` ends its thread with a
+                # traceback where a call was not yet taken up.
+                pool = executor()
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                pool.shutdown()
             return
         import distributed
 
