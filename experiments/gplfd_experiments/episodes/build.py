@@ -22,7 +22,13 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher import (
+    ForceConfig,
+    Habits,
+    Teacher,
+    TeacherConfig,
+    second,
+)
 from gplfd_experiments.data.teacher.motion import with_reaches
 from gplfd_experiments.episodes.leading import Practice, corrected
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -51,20 +57,24 @@ def _demonstrated(key: str) -> LabelledDemonstrations:
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
     kind, radii = fields["demonstrated_kind"] or {}, fields["demonstrated_radii"]
     hardware = fields["demonstrated_hardware"] or [{}] * len(radii)
+    doors = [
+        DoorConfig(radius=radius, **(kind | parts))
+        for radius, parts in zip(radii, hardware, strict=True)
+    ]
+    rng, labels = (
+        np.random.default_rng(seed),
+        tuple(np.repeat(radii, per_door).tolist()),
+    )
+    if fields["taught_by"] == "second":
+        angle = fields["teacher"]["angle_mean"]
+        opened = second.demonstrate_doors(doors, per_door, angle, rng)
+        return LabelledDemonstrations(demonstrations=opened, radii=labels)
     teacher = Teacher(
         TeacherConfig(**fields["teacher"]),
         Habits(**(fields["habits"] or {})),
         ForceConfig() if fields["demonstrated_forces"] else None,
     )
-    demonstrations = teacher.demonstrate_doors(
-        [
-            DoorConfig(radius=radius, **(kind | parts))
-            for radius, parts in zip(radii, hardware, strict=True)
-        ],
-        per_door,
-        rng=np.random.default_rng(seed),
-    )
-    labels = tuple(np.repeat(radii, per_door).tolist())
+    demonstrations = teacher.demonstrate_doors(doors, per_door, rng=rng)
     if fields["start"] == "grasped":
         return LabelledDemonstrations(demonstrations=demonstrations, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))

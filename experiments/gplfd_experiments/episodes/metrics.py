@@ -98,7 +98,6 @@ def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
 _MOVED: Final = math.radians(1.0)  # Angle from which the door counts as moved [rad].
 _SMOOTHING_TIME: Final = 0.2
 """Window of the local polynomials for jerk and acceleration [s]."""
-_SUSTAINED: Final = 0.5  # A force of this duration counts as sustained [s].
 _RECOVERED: Final = math.radians(5.0)
 """Further opening after a disturbance that counts as recovery [rad]."""
 _AFTER: Final = 1.0
@@ -154,6 +153,12 @@ def episode_metrics(
             for name, force in along.items()
             for kind, percent in (("peak", 100), ("p95", 95))
         },
+        # Across the path of the handle: ∫ |F_r| dt [N s], and the largest force that
+        # lasted for 20 ms [N], which no single sample decides.
+        "force_radial_impulse": float(
+            np.trapezoid(np.abs(forces.force_radial), dx=log.dt)
+        ),
+        "force_radial_20ms": sustained(np.abs(forces.force_radial), log.dt, 0.02),
         "work": work_on_door(log),
         # Distance of the hand from where it grasped the handle.
         "slip_max_mm": 1e3 * float(np.max(np.abs(opening.slip))),
@@ -336,9 +341,9 @@ def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
     return smoothed(angle, window, 2, deriv=2, step=dt)
 
 
-def sustained(force: FloatArray, dt: float) -> float:
-    """Greatest of the magnitudes (N,) [N] that lasted for half a second [N]."""
-    window = round(_SUSTAINED / dt)
+def sustained(force: FloatArray, dt: float, duration: float = 0.5) -> float:
+    """Greatest of the magnitudes (N,) [N] that lasted for a duration [s] in [N]."""
+    window = round(duration / dt)
     return float(minimum_filter1d(force, window, mode="constant").max())
 
 

@@ -41,7 +41,7 @@ def omit_default(default: Any) -> Any:
 _DEMONSTRATED_BY: Final = (
     *("seed", "demonstrations_per_door", "teacher", "demonstrated_radii"),
     *("demonstrated_kind", "demonstrated_hardware", "habits", "demonstrated_forces"),
-    "start",
+    *("start", "taught_by"),
 )
 """Fields of an episode that determine the demonstrations."""
 
@@ -124,6 +124,9 @@ class EpisodeTask(TaughtTask):
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a regular teacher."""
+    taught_by: Literal["first", "second"] = omit_default("first")
+    """The second synthetic human, of `data.teacher.second`, neither reaches for handles
+    nor records forces, and has no `habits`; of `teacher` it takes `angle_mean`."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     practice: Mapping[str, Any] | None = omit_default(None)

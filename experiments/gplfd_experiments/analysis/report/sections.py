@@ -237,19 +237,7 @@ def trial_sections(results: reading.StudyResults, reference: str) -> list[Sectio
     ran = trials.of_trials(results)
     if not ran:
         return []
-    answers: dict[str, list[Answer]] = {}
-    for name, levels in ran.items():
-        sides = {
-            protocol.Side(policy=policy, level=at)
-            for level, runs in levels.items()
-            for policy in runs
-            for at in ("", level)
-        }
-        answers[name] = [
-            trials.answered(contrast, levels)
-            for contrast in protocol.TRIALS[name].contrasts
-            if {contrast.having, contrast.lacking} <= sides
-        ]
+    answers = trials.answers_by_trial(ran)
     # The part of the protocol that these results cover.
     text = f"Protocol v{protocol.VERSION}, {len(ran)} of {len(protocol.TRIALS)} trials."
     asked = sum(len(protocol.TRIALS[name].contrasts) for name in ran)
@@ -307,7 +295,8 @@ def ideas_table(answers: Mapping[str, Sequence[Answer]]) -> Table:
         "**Difference:** the policy with the idea minus the otherwise equal policy "
         "without it, seed by seed, with the 95 % interval (Hodges-Lehmann; for shares, "
         "mean and Student's interval). **Result:** better or worse with the idea if "
-        "the interval excludes zero."
+        "signed ranks, after Holm over all contrasts of the track, give at most 5 %, "
+        "and the difference is at least 1 N, 1 N s, 2° or 5 points."
     )
     columns = ("idea", "trial", "measure", "with : without", "difference", "result")
     return Table(columns=columns, rows=tuple(sorted(rows)), note=note, left=True)
@@ -377,7 +366,8 @@ def track_tables(results: reading.StudyResults) -> list[Block]:
     Of policies in all its levels, but those with a prior mean, which not all accept.
     """
     blocks: list[Block] = []
-    for track, names in protocol.TRACKS.items():
+    for track, of in protocol.TRACKS.items():
+        names = of.trials
         ran = [
             episode
             for episode in results.episodes

@@ -26,6 +26,12 @@ MEASURES: Final = {
 }
 """Measures of episodes by metric; in trials, closed doors have forces too."""
 
+SMALLEST_SHARE: Final = 0.05
+"""Smallest difference of shares that counts."""
+
+_RELEVANT: Final[Mapping[str, float]] = {"N": 1.0, "N s": 1.0, "°": 2.0}
+"""The same of other measures, by unit."""
+
 _DIGITS, _LISTED = 5, 3
 """Significant digits in trials.json; largest number of tasks that a problem lists."""
 
@@ -37,6 +43,8 @@ class Answer:
     contrast: protocol.Contrast
     shift: statistics.Shift | None
     """The measure with the idea minus without it; None without common values."""
+    p_value: float
+    """Of signed ranks; `answers_by_trial` corrects it for all contrasts of a track."""
     changes: Mapping[str, int]
     """Number of doors that are opened with the idea only ("gained"), without it only
     ("forgotten"), and without it ("opened before"). Empty if the sides are not two
@@ -44,11 +52,16 @@ class Answer:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the interval of the difference excludes zero, and its sign."""
-        if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
+        """Whether the difference is significant and large enough, and its sign."""
+        measure = MEASURES[self.contrast.measure]
+        relevant = SMALLEST_SHARE if measure.share else _RELEVANT.get(measure.unit, 0.0)
+        if (
+            self.shift is None
+            or self.p_value > 0.05
+            or abs(self.shift.estimate) < relevant
+        ):
             return "open"
-        less_is_better = MEASURES[self.contrast.measure].better == "less"
-        return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
+        return "shows" if measure.sign * self.shift.estimate > 0.0 else "harms"
 
 
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
@@ -82,8 +95,9 @@ def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
         for side in (contrast.having, contrast.lacking)
     )
     means = statistics.paired(having, lacking)
-    difference = None
+    difference, p_value = None, 1.0
     if means[0]:
+        p_value = statistics.signed_rank(*means)
         compare = statistics.mean_shift if measure.share else statistics.shift
         difference = compare(*means)
     changes: dict[str, int] = {}
@@ -94,7 +108,35 @@ def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
             "forgotten": sum(having[door] < lacking[door] for door in both),
             "opened before": sum(lacking[door] > 0.0 for door in both),
         }
-    return Answer(contrast=contrast, shift=difference, changes=changes)
+    return Answer(contrast=contrast, shift=difference, p_value=p_value, changes=changes)
+
+
+def answers_by_trial(ran: Mapping[str, ByLevel]) -> dict[str, list[Answer]]:
+    """Compare the sides of all contrasts that were run, by trial.
+
+    Holm corrects p-values for all contrasts of a track; a trial in two tracks counts in
+    the second, whose policies lack the ideas.
+    """
+    family = {t: track for track, of in protocol.TRACKS.items() for t in of.trials}
+    by_track: dict[str, list[tuple[str, Answer]]] = {}
+    for name, levels in ran.items():
+        sides = {
+            protocol.Side(policy=policy, level=at)
+            for level, runs in levels.items()
+            for policy in runs
+            for at in ("", level)
+        }
+        by_track.setdefault(family[name], []).extend(
+            (name, answered(contrast, levels))
+            for contrast in protocol.TRIALS[name].contrasts
+            if {contrast.having, contrast.lacking} <= sides
+        )
+    answers: dict[str, list[Answer]] = {name: [] for name in ran}
+    for group in by_track.values():
+        corrected = statistics.holm([answer.p_value for _, answer in group])
+        for (name, answer), p_value in zip(group, corrected, strict=True):
+            answers[name].append(replace(answer, p_value=p_value))
+    return answers
 
 
 def success_measure(trial: protocol.Trial) -> str:
@@ -130,7 +172,9 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
 
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
-    for name, levels in of_trials(results).items():
+    ran = of_trials(results)
+    answers = answers_by_trial(ran)
+    for name, levels in ran.items():
         trial = protocol.TRIALS[name]
         trials[name] = {
             level: {
@@ -144,8 +188,8 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
             }
             for level in trial.levels
         }
-        for contrast in trial.contrasts:
-            answer = answered(contrast, levels)
+        for answer in answers[name]:
+            contrast = answer.contrast
             contrasts.append(
                 {
                     "idea": contrast.idea,
@@ -154,6 +198,7 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     "with": str(contrast.having),
                     "without": str(contrast.lacking),
                     **interval(answer.shift),
+                    "p": rounded(answer.p_value)[0],
                     "verdict": answer.verdict,
                     **answer.changes,
                 }

@@ -79,8 +79,8 @@ class Benchmark:
 class Trials:
     """Test each idea of the method in conditions where it matters; resumable.
 
-    Writes the same files as `gplfd benchmark`. The whole protocol has 22,830 episodes,
-    `--part ideas` 3,580, and `--part small` 270, which take a minute or two.
+    Writes the same files as `gplfd benchmark`. The whole protocol has 16,380 episodes,
+    `--part ideas` 5,780, and `--part small` 270, which take a minute or two.
     """
 
     trials: tuple[str, ...] = ()
