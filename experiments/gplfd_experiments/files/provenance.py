@@ -70,7 +70,7 @@ def arithmetic() -> Mapping[str, str]:
     """Properties of this machine that determine the last bits of a result, by name.
 
     MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
-    their code by the processor, and round differently; see docs/reproducibility.md.
+    their code by the processor, and round differently; see docs/reference.md.
     """
     # Libraries are visible after they are loaded, and SciPy has its own.
     importlib.import_module("scipy.linalg")

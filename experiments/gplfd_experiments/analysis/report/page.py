@@ -174,7 +174,7 @@ def _origin(results: StudyResults) -> list[Block]:
     if machines > 1:
         text = (
             f"These results were made on {machines} kinds of machine: they are equal "
-            "only up to a tolerance, see `docs/reproducibility.md`."
+            "only up to a tolerance, see `docs/reference.md`."
         )
         blocks.append(Text(text))
     named: dict[str, list[tuple[str, object]]] = {}
