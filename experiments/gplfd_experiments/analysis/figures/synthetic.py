@@ -127,7 +127,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
     }
     low, high = (100.0 * bound for bound in expected_coverage(error_rng))
 
-    figure = style.new_figure(style.PAGE, 3.6)
+    figure = Figure(figsize=(style.PAGE, 3.6))
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
     for panel, name in {"a": "low", "b": "high", "c": "local"}.items():
         curves = sets[0].poses[:, :, HEIGHT].T
@@ -254,7 +254,7 @@ def fig03(material: Material) -> tuple[Figure, str]:
     }
     error = {n: 100.0 * value for n, value in phase_errors(motions, aligned).items()}
 
-    figure = style.new_figure(style.COLUMN, 3.4)
+    figure = Figure(figsize=(style.COLUMN, 3.4))
     (recorded, euclidean), (completed, index) = figure.subplots(2, 2)
     for motion in motions:
         colour, demonstration = _COLOURS[motion.level], motion.demonstration
@@ -331,7 +331,7 @@ def fig04(material: Material) -> tuple[Figure, str]:
     demonstrations = constrained_set(10, np.random.default_rng(material.seed))
     via_points, policies = via_point_policies(demonstrations)
     before = policies["demonstrated"]
-    figure = style.new_figure(style.PAGE, 2.1)
+    figure = Figure(figsize=(style.PAGE, 2.1))
     panels = figure.subplots(1, 4, sharex=True, sharey=True)
     titles = {
         "demonstrated": "demonstrated",

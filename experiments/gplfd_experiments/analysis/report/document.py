@@ -121,13 +121,15 @@ _MARK: Final = re.compile(r"\\(?P<plain>.)|`(?P<code>[^`]*)`|(?P<bold>\*\*)")
 def inline(text: str) -> Markup:
     """Return a text of a document as HTML; everything except its marks is escaped."""
     bold = itertools.cycle(("<b>", "</b>"))
-
-    def element(mark: re.Match[str]) -> str:
-        if mark["bold"]:
-            return next(bold)
-        return mark["plain"] or f"<code>{mark['code']}</code>"
-
-    return Markup(_MARK.sub(element, str(escape(text))))
+    html = _MARK.sub(
+        lambda mark: (
+            next(bold)
+            if mark["bold"]
+            else mark["plain"] or f"<code>{mark['code']}</code>"
+        ),
+        str(escape(text)),
+    )
+    return Markup(html)
 
 
 _TEMPLATES: Final = Environment(
