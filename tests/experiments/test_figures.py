@@ -14,13 +14,12 @@ from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
 from gplfd_experiments.analysis.figures import learned, openings, style, synthetic
-from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
 from gplfd_experiments.analysis.figures.openings import expectation
 from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.workflows import figures as module
-from gplfd_experiments.workflows.figures import material
+from gplfd_experiments.workflows.figures import FIGURES, material, update_captions
 from gplfd_policies import align
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -94,7 +93,7 @@ def test_the_user_s_configuration_of_matplotlib_changes_nothing(tmp_path):
         with matplotlib.rc_context({"axes.grid": grid, "svg.hashsalt": str(grid)}):
             before = dict(matplotlib.rcParams)
             with style.paper_style():
-                figure = Figure(figsize=(style.COLUMN, 1.0))
+                figure = Figure(figsize=(style.COLUMN, 1.0), layout="constrained")
                 figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
                 style.write_figure(figure, tmp_path, "figure")
             assert dict(matplotlib.rcParams) == before

@@ -14,8 +14,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     """Cells, one per heading; text after a line break is small. A row with only its
     first cell is the heading of the rows below."""
-    title: str = ""
-    """Title of a table that a page shows folded."""
+    title: str = ""  # Title of a table that a page shows folded.
     note: str = ""
     left: bool = False
     """Whether all cells are left-aligned text, instead of numbers after a name."""
@@ -27,8 +26,7 @@ class Table:
         return cls(columns=heads, rows=tuple(tuple(row.values()) for row in rows))
 
 
-FIRST: Final = 5
-"""Number of columns that commands print unless all are asked for."""
+FIRST: Final = 5  # Number of columns that commands print unless all are asked for.
 
 
 def text_table(table: Table, columns: int | None = None) -> str:

@@ -18,10 +18,8 @@ from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.movement import GaussianTrajectory
 
-COLUMN: Final = 3.5
-"""Width of a journal's column [inch]."""
-PAGE: Final = 7.16
-"""Width of a journal's page of two columns [inch]."""
+COLUMN: Final = 3.5  # Width of a journal's column [inch].
+PAGE: Final = 7.16  # Width of a journal's page of two columns [inch].
 
 POLICY: Final = "gp"
 """Policy whose episodes figures show; other policies get the same observations."""
@@ -55,7 +53,6 @@ _STYLE: Final[dict[str, Any]] = {
     "legend.fontsize": 6.5,
     "legend.frameon": False,
     "legend.handlelength": 1.8,
-    "figure.constrained_layout.use": True,
     "savefig.dpi": 300,
     "svg.fonttype": "path",
     "svg.hashsalt": "gplfd",

@@ -25,8 +25,7 @@ from gplfd_experiments.analysis.results.statistics import Estimate, Shift, succe
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
-Look = Mapping[str, Any]
-"""Keyword arguments of an artist."""
+Look = Mapping[str, Any]  # Keyword arguments of an artist.
 Panels = dict[str, tuple[Axes, str, list[tuple[float, float]]]]
 """Axes, colour and points of the curve of each policy."""
 
@@ -67,7 +66,8 @@ def policy_panels(
     """
     n_rows = -(-len(runs) // _MOST)
     columns = max(_FEWEST, -(-len(runs) // n_rows))
-    figure = Figure(figsize=(style.PAGE, _PANEL_ROW * n_rows + 0.55))
+    size = style.PAGE, _PANEL_ROW * n_rows + 0.55
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
@@ -256,7 +256,7 @@ def _stacked(
     """Return panels below each other, with a named row on a fine line for each name."""
     rows = [*map(len, names)]
     height = _TRIAL_ROW * sum(rows) + 0.45 * (len(rows) + 1)
-    figure = Figure(figsize=(style.PAGE, height))
+    figure = Figure(figsize=(style.PAGE, height), layout="constrained")
     options: dict[str, Any] = {"squeeze": False, "height_ratios": rows}
     panels = figure.subplots(len(rows), 1, sharex=shared, **options)[:, 0]
     for axes, labels in zip(panels, names, strict=True):
