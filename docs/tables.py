@@ -2,14 +2,13 @@
 
 A line ``<!-- table: door parameters -->`` of a page becomes the table of `TABLES` with
 this name, whenever the site is built. Units and ranges come from the fields of the
-records, meanings from their docstrings. An unknown name ends the build.
+records, meanings from their docstrings.
 """
 
 import dataclasses
 import inspect
-import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from docstring_parser import parse, parse_from_object
 
@@ -22,20 +21,16 @@ from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.named import changed_fields
 
-if TYPE_CHECKING:  # Tests read the tables without MkDocs.
-    from mkdocs.config.defaults import MkDocsConfig
-    from mkdocs.structure.files import Files
-    from mkdocs.structure.pages import Page
-
-MARK: Final = re.compile(r"^<!-- table: (.+) -->$", re.MULTILINE)
 Rows = Iterator[tuple[object, ...]]
 
 
-def on_page_markdown(
-    markdown: str, *, page: "Page", config: "MkDocsConfig", files: "Files"
-) -> str:
-    """Put every named table in the place of the line that names it."""
-    return MARK.sub(lambda mark: table(mark[1]), markdown)
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put every table in the place of the line that names it."""
+    for name in TABLES:
+        mark = f"<!-- table: {name} -->"
+        if mark in markdown:
+            markdown = markdown.replace(mark, table(name))
+    return markdown
 
 
 def table(name: str) -> str:
@@ -74,7 +69,7 @@ def _meanings(docstring: Any) -> dict[str, str]:
 def _number(value: object) -> object:
     if isinstance(value, tuple):
         return f"[{', '.join(str(_number(end)) for end in value)}]"
-    return f"{value:.4g}" if isinstance(value, float) else value
+    return f"{value:.5g}" if isinstance(value, float) else value
 
 
 def _door_parameters() -> Rows:
@@ -83,18 +78,12 @@ def _door_parameters() -> Rows:
 
 
 def _door_presets() -> Rows:
-    yield (
-        "preset",
-        "motion",
-        "handle",
-        "radius [m]",
-        "mass [kg]",
-        "closing torque [N m]",
-    )
+    yield "preset", "motion", "handle", "radius [m]", "mass [kg]", "needs [N]"
     for name, door in DOORS.items():
-        kind, turn = door.motion, door.handle
-        torque = _number(door.closer.preload + door.closer.boost)
-        yield f"`{name}`", kind, turn, _number(door.radius), door.panel_mass, torque
+        closing = door.closing_spring[0] + door.closer.boost + door.seal + door.stiction
+        force = (door.friction + closing) / door.hand_radius
+        numbers = door.radius, round(door.panel_mass, 1), round(force)
+        yield f"`{name}`", door.motion, door.handle, *map(_number, numbers)
 
 
 def _disturbances() -> Rows:
