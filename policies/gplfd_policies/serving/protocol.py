@@ -1,6 +1,6 @@
 """Messages of the line protocol, one JSON object per line: checks, transfer, journal.
 
-Numbers are transferred bit for bit. docs/serving.md has the tables of all messages.
+Numbers are transferred bit for bit. docs/reference.md has the tables of all messages.
 """
 
 import io
