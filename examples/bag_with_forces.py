@@ -6,7 +6,7 @@
 Opens six doors and writes bags/door_0 to bags/door_5 (ROS 2, MCAP). The topic /ee_pose
 has poses of the hand in the frame of the robot's base, z up. The topic /wrist_ft is a
 WrenchStamped of the environment on the hand, in the axes of the hand.
-docs/recordings.md shows the next steps: import the bags, learn from them, and open a
+docs/your-data.md shows the next steps: import the bags, learn from them, and open a
 door.
 """
 

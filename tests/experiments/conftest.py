@@ -273,7 +273,7 @@ def small_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write plots with few dots per inch: their pixels are of no interest."""
     from gplfd_experiments.analysis.figures import style
 
-    monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)  # type: ignore[index]
+    monkeypatch.setitem(style._STYLE, "savefig.dpi", 30)
 
 
 @pytest.fixture

@@ -164,7 +164,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def commands_of_the_page(name: str) -> list[list[str]]:
-    page = (ROOT / "docs/recordings.md").read_text()
+    page = (ROOT / "docs/your-data.md").read_text()
     marked = rf"<!-- commands: {name} -->\n```bash\n(.*?)```"
     (block,) = re.findall(marked, page, re.S)
     return [
@@ -196,7 +196,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
 
 @pytest.mark.usefixtures("no_picture", "reads_here")
 def test_the_page_leads_from_recordings_to_a_robots_table(tmp_path, monkeypatch):
-    page = (ROOT / "docs/recordings.md").read_text()
+    page = (ROOT / "docs/your-data.md").read_text()
     (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")

@@ -10,16 +10,16 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import FillBetweenPolyCollection
+from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
 from gplfd_experiments.analysis.figures import learned, openings, style, synthetic
-from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
 from gplfd_experiments.analysis.figures.openings import expectation
 from gplfd_experiments.analysis.figures.style import Material
 from gplfd_experiments.analysis.figures.synthetic import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.workflows import figures as module
-from gplfd_experiments.workflows.figures import material
+from gplfd_experiments.workflows.figures import FIGURES, material, update_captions
 from gplfd_policies import align
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -93,7 +93,7 @@ def test_the_user_s_configuration_of_matplotlib_changes_nothing(tmp_path):
         with matplotlib.rc_context({"axes.grid": grid, "svg.hashsalt": str(grid)}):
             before = dict(matplotlib.rcParams)
             with style.paper_style():
-                figure = style.new_figure(style.COLUMN, 1.0)
+                figure = Figure(figsize=(style.COLUMN, 1.0), layout="constrained")
                 figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
                 style.write_figure(figure, tmp_path, "figure")
             assert dict(matplotlib.rcParams) == before
@@ -249,7 +249,7 @@ def test_fig09_adaptive_predicts_better_than_fixed(opened):
         fixed = np.interp(log.decisions.observed_phase, log.forecasts.phases, first)
         np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
     # Drawn in the order of the phase: the adaptive mean, and the door's truth.
-    rows = style.new_figure(style.PAGE, 3.0).subplots(2, 4)
+    rows = Figure(figsize=(style.PAGE, 3.0)).subplots(2, 4)
     openings.draw_opening(rows, opening)
     assert_band(rows[1, 0], opening.initial, 2)
     assert_band(rows[1, 2], opening.stages[2], 2, which=1)
@@ -267,7 +267,7 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     stiffness_of[20:23, 0] -= 15.0
     rates = 0.03 * rng.standard_normal((50, 6))
     log = make_log(n_steps=50, std_rate=rates, stiffness=stiffness_of)
-    gains, fall, use = panels = style.new_figure(1.0, 1.0).subplots(3)
+    gains, fall, use = panels = Figure(figsize=(1.0, 1.0)).subplots(3)
     openings.draw_door(panels, log, DEFAULT_PROFILE)
     kept = log.decisions
     np.testing.assert_array_equal(gains.lines[1].get_ydata(), kept.stiffness[:, 0])

@@ -108,7 +108,7 @@ def test_only_a_known_handle_is_turned(policy, opens):
 
 @pytest.mark.filterwarnings("ignore:rests", "ignore:3 demon")
 def test_another_processor_opens_a_lever_door_alike(tmp_path):
-    """Rounding decides when a fingertip touches the lever: docs/reproducibility.md."""
+    """Rounding decides when a fingertip touches the lever: docs/reference.md."""
     others = {
         "OPENBLAS_CORETYPE": "Prescott",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",

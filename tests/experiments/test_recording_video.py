@@ -13,7 +13,6 @@ import pytest
 
 from gplfd_env.conventions.opengl import choose_opengl
 from gplfd_env.envs.camera import Camera
-from gplfd_experiments.recording.video import VideoFormat
 from gplfd_experiments.workflows import runs
 
 pytestmark = pytest.mark.slow
@@ -25,8 +24,8 @@ RATE = 5
 
 @pytest.fixture(autouse=True)
 def few_small_images(monkeypatch):
-    small = VideoFormat(size=(64, 48), rate=RATE)
-    monkeypatch.setattr(runs.video, "STANDARD", small)
+    monkeypatch.setattr(runs.video, "SIZE", (64, 48))
+    monkeypatch.setattr(runs.video, "RATE", RATE)
 
 
 def images_of(file: Path) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The snippets of docs/learners.md run as they stand; run by .ci/learners."""
+"""Snippets of docs/your-policy.md that need extras run; run by .ci/learners."""
 
 import os
 import re
@@ -11,8 +11,8 @@ if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
     pytest.importorskip("torchrl", reason="needs pip install torchrl")
     pytest.importorskip("mujoco_warp", reason="needs pip install '.[warp]'")
 
-PAGE = (Path(__file__).parents[2] / "docs" / "learners.md").read_text()
-SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+PAGE = (Path(__file__).parents[2] / "docs" / "your-policy.md").read_text()
+SNIPPETS = re.findall(r"<!-- python: learners -->\n```python\n(.*?)```", PAGE, re.S)
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)

@@ -137,7 +137,7 @@ def pair(n: int = len(EIGHT), **arguments: Any) -> tuple[Any, Any]:
 @pytest.mark.parametrize("randomization", ["none", "hard"])
 @pytest.mark.parametrize("played", [arcs, shoves])
 def test_physics_are_mujoco_s_within_float32(played, randomization):
-    """Which a grip by friction enlarges where it slips; see docs/learners.md."""
+    """Which a grip by friction enlarges where it slips; see docs/notes/warp.md."""
     envs = pair(randomization=randomization)
     apart = differences(*envs, played, 300)
     assert apart["door"].size > 0.7 * 8 * 300

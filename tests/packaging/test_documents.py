@@ -72,8 +72,6 @@ def test_links_lead_somewhere():
 
 
 CODE = r"```python\n(.*?)```"
-ELSEWHERE = {DOCS / "learners.md"}
-"""Pages whose snippets are run by tests/learners, with what they need."""
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -87,7 +85,7 @@ def test_code_in_the_pages_runs(tmp_path, monkeypatch):
     # What needs more than that is marked, and run where it is.
     blocks = [
         block
-        for page in sorted({ROOT / "README.md", *DOCS.glob("*.md")} - ELSEWHERE)
+        for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
         for mark, block in re.findall(
             rf"^(<!-- python: .* -->\n)?{CODE}", page.read_text(), re.M | re.S
         )
@@ -104,7 +102,7 @@ def test_code_in_the_pages_runs(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("policies_here")
 def test_policies_that_readers_copy_open_doors_gently(tmp_path, monkeypatch, capsys):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
-    page = (DOCS / "own-policy.md").read_text()
+    page = (DOCS / "your-policy.md").read_text()
     blocks = re.findall(CODE, page, re.S)
     snippet = next(block for block in blocks if "def act(" in block)
     tutorial = json.loads((DOCS / "tutorials" / "your-policy.ipynb").read_text())

@@ -112,7 +112,7 @@ def compensation():
 
 def held_shut(handles, turn, force=15.0):
     pose = GEOMETRY.hand_poses(0.0, turn)
-    handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.8))
+    handles.geared(GEOMETRY.hand_poses(0.0, 0.8), 1)
     return bool(handles.turn_further(pose, np.True_, np.float64(force), PERIOD))
 
 
@@ -127,7 +127,7 @@ def turned_further(seconds=0.2):
 
 def gear(handles):
     """Return what a demonstrated turn of 1 rad is on this handle."""
-    return -1.0 / float(handles.movement_poses(GEOMETRY.hand_poses(0.0, 1.0))[3])
+    return -1.0 / float(handles.geared(GEOMETRY.hand_poses(0.0, 1.0), -1)[3])
 
 
 def test_a_door_that_does_not_give_has_its_handle_turned_on():
@@ -141,7 +141,7 @@ def test_a_door_that_does_not_give_has_its_handle_turned_on():
 def test_a_handle_of_short_travel_is_turned_as_far_as_any():
     handles = HandleMovements(gridded(), [replace(EXACT, travel=0.4)])
     for _ in range(round(5.0 / PERIOD)):
-        handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.4))
+        handles.geared(GEOMETRY.hand_poses(0.0, 0.4), 1)
         pose = GEOMETRY.hand_poses(0.0, 0.4 * gear(handles))
         handles.turn_further(pose, np.True_, np.float64(15.0), PERIOD)
     assert 0.4 * gear(handles) == pytest.approx(1.3)
@@ -155,13 +155,13 @@ def test_a_handle_goes_back_as_shown_from_further_away():
     handles = turned_further()
     for turn, held in ((0.8, 0.88), (0.3, 0.88), (0.9, 0.99)):
         ahead, expected = GEOMETRY.hand_poses(0.2, np.array([turn, held]))
-        assert_allclose(handles.hand_poses(ahead), expected, atol=1e-12)
+        assert_allclose(handles.geared(ahead, 1), expected, atol=1e-12)
     handles.turn_further(ahead, np.False_, np.float64(0.0), PERIOD)
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
     for angle, turn in zip(angles, turns, strict=True):
         demonstrated, turned = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
-        assert_allclose(handles.hand_poses(demonstrated), turned, atol=1e-12)
-        assert_allclose(handles.movement_poses(turned), demonstrated, atol=1e-12)
+        assert_allclose(handles.geared(demonstrated, 1), turned, atol=1e-12)
+        assert_allclose(handles.geared(turned, -1), demonstrated, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_a_handle_goes_back_as_shown_from_further_away():
 )
 def test_no_handle_is_turned_on_without_need(angle, turn, force, commanded, further):
     pose, handles = GEOMETRY.hand_poses(angle, turn), compensation()
-    handles.hand_poses(GEOMETRY.hand_poses(0.0, commanded))
+    handles.geared(GEOMETRY.hand_poses(0.0, commanded), 1)
     closed = np.bool_(angle == 0.0)
     turned = handles.turn_further(pose, closed, np.float64(force), PERIOD)
     assert turned == further
@@ -185,7 +185,7 @@ def test_no_handle_is_turned_on_without_need(angle, turn, force, commanded, furt
 
 def test_a_knob_is_turned_on_by_the_commanded_angle():
     knob = HandleMovements(gridded(), [replace(EXACT, point=(0.0, 0.0, 0.0))])
-    knob.hand_poses(GEOMETRY.hand_poses(0.0, 0.7))
+    knob.geared(GEOMETRY.hand_poses(0.0, 0.7), 1)
     pose = GEOMETRY.hand_poses(0.0, 0.6)  # more than 0.8 of 0.7 rad, less than of 0.8
     assert knob.turn_further(pose, np.True_, np.float64(15.0), PERIOD)
 
@@ -200,7 +200,7 @@ def test_a_handle_at_its_stop_is_not_turned_further():
     stop = GEOMETRY.hand_poses(0.0, 0.8)
     for angle in np.linspace(0.8, 1.2, 100):
         stop[3] = -angle
-        handles.hand_poses(GEOMETRY.hand_poses(0.0, 0.8))
+        handles.geared(GEOMETRY.hand_poses(0.0, 0.8), 1)
         handles.turn_further(stop, np.True_, np.float64(15.0), PERIOD)
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 
@@ -286,7 +286,7 @@ def test_a_hand_pulls_harder_at_a_closed_door_and_gives_up(load):
 def test_a_hand_does_not_pull_harder_while_it_turns_the_handle():
     movements = compensation()
     load = HandleLoad(ComplianceConfig(control_period=PERIOD), movements)
-    movements.hand_poses(PRESSED)
+    movements.geared(PRESSED, 1)
     stuck = replace(contact(-60.0 * PULL), displacement=-0.03 * PULL)
     borne = [float(load.update(stuck).compensated_load) for _ in range(4)]
     assert gear(movements) == pytest.approx(1.0 + 4 * 0.5 * PERIOD)

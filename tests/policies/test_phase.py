@@ -118,23 +118,23 @@ def nearest_by_hand(skill, pose, previous):
     reach = np.linalg.norm(pose[:3]) + 1e-9
     similarity = SimilarityModel.of(skill.aligned, config.similarity).prior()
     posterior = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).posterior
+    _, _, size_variance, cosine, sine, angle_variance = posterior.features[:6]
 
     def cost(index):
         centre, std = demonstrated.mean[index], demonstrated.std[index]
         turned_by = (centre[3:] - pose[3:]) ** 2 / (
             std[3:] ** 2 + config.rotation_noise**2
         )
-        share = np.hypot(config.distance_share, posterior.size_std)
+        share = np.hypot(config.distance_share, np.sqrt(size_variance[0]))
         spread = config.position_noise**2 + (share * length[index]) ** 2
         spread += stretch[index] ** 2
         total = 0.0
         for number, weight in enumerate(posterior.weights):
             far = reach - np.exp(posterior.log_sizes[number]) * length[index]
-            back = turned(pose[None], -posterior.angle[number])[0, :3] / reach
+            angle = np.arctan2(sine[number], cosine[number])
+            back = turned(pose[None], -angle)[0, :3] / reach
             aside = np.sum((unit[:, index] - back) ** 2)
-            blur = (config.position_noise / reach) ** 2 + posterior.angle_variance[
-                number
-            ]
+            blur = (config.position_noise / reach) ** 2 + angle_variance[number]
             squares = far**2 / spread + aside / (variance[index] + blur)
             total += weight * np.exp(-0.5 * squares)
         return turned_by.sum() - 2.0 * np.log(max(total, 1e-300))

@@ -37,7 +37,7 @@ from gplfd_policies.serving.protocol import (
     numbers,
     read_journal,
 )
-from gplfd_policies.serving.server import Server, handle, listening
+from gplfd_policies.serving.server import Server, listening
 from gplfd_policies.serving.session import (
     Session,
     exceeded,
@@ -84,7 +84,7 @@ class Robot:
 
     def say(self, message):
         line = message if isinstance(message, bytes) else encode(message)
-        return handle(self.session, line, self.clock)[1]
+        return self.session.receive(line, self.clock)[1]
 
     def step(self, follow=True, period=PERIOD, delay=0.0, dropped=0):
         """Let a period pass and return the reply to the next observation."""

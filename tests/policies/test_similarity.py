@@ -55,7 +55,7 @@ def seen(similarity, noise):
 def inferred(similarity):
     """Mean and σ of the logarithm of size, heading and its σ [rad]."""
     weights = similarity.posterior.weights
-    size, *others = size_and_heading(weights, similarity.features)
+    size, *others = size_and_heading(weights, similarity.posterior.features)
     return np.log(size), *others
 
 
@@ -81,7 +81,8 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     for distance, angle in zip(distances, angles, strict=True):
         similarity = similarity.updated(distance, angle)
     ahead = np.array([0.85, 0.9, 0.95, 1.0])
-    (path, turning), free = model.at(ahead), config.scale_weight
+    path, free = np.interp(ahead, model.phases, model.path), config.scale_weight
+    turning = np.interp(ahead, model.phases, model.lateral_std) / np.abs(path)
 
     def matern(first, second):
         step = model.rate * np.abs(np.subtract.outer(first, second))

@@ -78,8 +78,8 @@ def test_default_dynamics_are_damped_for_a_held_hand():
     for stiffness in (DEFAULT_PROFILE.k_min, DEFAULT_PROFILE.k_max):
         damping = DEFAULT_DYNAMICS.damping(stiffness)
         assert np.all(damping >= held * (1.0 - 1e-12))
-        margin = HELD_HAND.margin(stiffness, damping, DEFAULT_DYNAMICS.mass)
-        assert np.all(margin > 0.0)
+        delay = HELD_HAND.tolerated_delay(stiffness, damping, DEFAULT_DYNAMICS.mass)
+        assert np.all(delay > HELD_HAND.delay)
 
 
 def test_the_middle_is_between_an_observation_and_the_spread():

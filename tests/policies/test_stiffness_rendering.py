@@ -37,9 +37,8 @@ def step(
     force=AT_REST,
 ):
     """Set-point of a hand that yields to a wrench and compensates a force."""
-    return renderer.command(
-        desired, velocity, stiffness, compliant_wrench=wrench, compensated_force=force
-    )
+    yielding = {"compliant_wrench": wrench, "compensated_force": force}
+    return renderer.command(desired, velocity, stiffness, **yielding)[0]
 
 
 def test_virtual_dynamics_displace_the_set_point_by_the_yielded_force_alone():

@@ -55,11 +55,7 @@ _PATIENCE: Final = 120.0  # Longest time for a rendering [s].
 
 
 def examined() -> dict[str, Any]:
-    """Check this machine, its packages, and optional parts.
-
-    Takes as long as a rendering. Returns for each part its purpose, whether it is
-    present, and what was found or how to install it.
-    """
+    """Check this machine, its packages, and optional parts with purpose and remark."""
     import joblib
 
     from gplfd_experiments.recording.viewer import viewer
@@ -93,8 +89,7 @@ def examined() -> dict[str, Any]:
             if re.search(rf"""extra == ['"]{name}['"]""", requirement):
                 package = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
                 try:
-                    version = importlib.metadata.version(package)
-                    installed.append(f"{package} {version}")
+                    installed.append(f"{package} {importlib.metadata.version(package)}")
                 except importlib.metadata.PackageNotFoundError:
                     missing.append(package)
         remark = ", ".join(installed)
@@ -116,16 +111,6 @@ def examined() -> dict[str, Any]:
         for name, purpose, present, remark in rows
     }
     return {"machine": machine, "packages": dict(versions()), "parts": parts}
-
-
-def sections(results: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return the results of `examined` with one line for each part."""
-    parts = {
-        name: ("yes  " if part["present"] else "NO   ")
-        + f"{part['purpose']}: {part['remark']}"
-        for name, part in results["parts"].items()
-    }
-    return {**results, "parts": parts}
 
 
 def drawn_by() -> str:

@@ -23,8 +23,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from gplfd_experiments.cli.commands import demos, export, machine, run, studies, teach
 from gplfd_experiments.console.progress import LOG
 
-BAD_INPUT: Final = 2
-"""Exit status for bad arguments or files."""
+BAD_INPUT: Final = 2  # Exit status for bad arguments or files.
 
 COMMANDS: Final[Mapping[str, type[Any]]] = {
     "run": run.Run,
@@ -49,11 +48,9 @@ OSError or ModuleNotFoundError."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Parse ``arguments`` (default: the process's own) and run the command.
+    """Parse arguments (default: the process's own), run the command, return its status.
 
-    Every command accepts ``--debug``, which prints errors with tracebacks. Returns the
-    exit status; the parser raises SystemExit for ``--help`` (0) and wrong arguments
-    (2).
+    The parser raises SystemExit for ``--help`` (0) and wrong arguments (2).
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:

@@ -1,7 +1,4 @@
-"""Doors of DoorBench, schema 1.0 (github.com/adamraudonis/DoorBench, MIT).
-
-Hinged, sliding and folding doors that a gripper can open from the robot's side.
-"""
+"""Doors of DoorBench, schema 1.0 (github.com/adamraudonis/DoorBench, MIT)."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -82,8 +79,7 @@ class ImportedDoor(NamedTuple):
 
     name: str
     door: DoorConfig
-    lost: tuple[str, ...]
-    """Properties that cannot be represented, a line each."""
+    lost: tuple[str, ...]  # Properties that cannot be represented, a line each.
 
 
 class _Specification(NamedTuple):
@@ -191,12 +187,10 @@ def _rolling(spec: _Specification, way: float) -> _Fields:
 def _sliding(spec: _Specification) -> _Fields:
     """Return the fields of a sliding leaf."""
     way = spec.at("kinematics/travel_m")
-    others = spec.at("leaf/count") > 1
-    spec.lose(others, "its other leaves, behind which it slides")
+    spec.lose(spec.at("leaf/count") > 1, "its other leaves, behind which it slides")
     # The force is that of the rollers also if the travel is limited to its range.
     within = min(way, _range_of("mechanism.clear_width").high)
-    fields = {"motion": "sliding", "mechanism.clear_width": way}
-    return fields | _rolling(spec, within)
+    return {"motion": "sliding", "mechanism.clear_width": way} | _rolling(spec, within)
 
 
 def _folding(spec: _Specification) -> _Fields:

@@ -10,8 +10,9 @@ import numpy as np
 
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.preparation import ImportSettings, PreparedMotion, prepare
+from gplfd_experiments.data.preparation import PreparedMotion, prepare
 from gplfd_experiments.data.readers import read_files
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
@@ -38,13 +39,8 @@ def import_recordings(
 
     The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
     a picture of the motions before and after, and their origin with the settings.
-
-    Returns:
-        The motions in the set, and the report.
-
-    Raises:
-        ValueError: A file cannot be understood or used.
-        OSError: A file cannot be read, or the set not be written.
+    Returns the motions and the report. Raises ValueError for a file that cannot be
+    understood or used, OSError for one that cannot be read or written.
     """
     # Wildcards that the shell left alone.
     matching = {f: [] if f.exists() else sorted(map(Path, glob(str(f)))) for f in files}

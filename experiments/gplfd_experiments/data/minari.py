@@ -29,10 +29,8 @@ with optional_libraries("data sets need Minari and h5py", "minari"):
 
 STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """All input of a step; MuJoCo continues from it bit for bit."""
-PHYSICS_STATE: Final = "physics_state"
-"""Name of the physics state among the infos."""
-_KIND: Final = "gplfd"
-"""Name of this package's own entries of a data set."""
+PHYSICS_STATE: Final = "physics_state"  # Name of the physics state among the infos.
+_KIND: Final = "gplfd"  # Name of this package's own entries of a data set.
 _METADATA: Final = "data/metadata.json"
 _STEPPED: Final = ("actions", "rewards", "terminations", "truncations")
 _ARRAYS: Final = ("observations", "infos", *_STEPPED)  # Of an episode.
@@ -51,11 +49,10 @@ def outcome(episode: EpisodeBuffer) -> str:
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
-    """Records the data between an agent and an environment of this package.
+    """Records an episode of an environment of this package; read `episode` after it.
 
-    Wrap the environment, run an episode, and read `episode` before the next reset. Its
-    infos include `PHYSICS_STATE`, MuJoCo's state [SI] after the reset and every step.
-    (`minari.DataCollector` needs JAX.)
+    Its infos include `PHYSICS_STATE`, MuJoCo's state [SI] after the reset and every
+    step. (`minari.DataCollector` needs JAX.)
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
@@ -124,13 +121,9 @@ def write_dataset(
 ) -> None:
     """Write a data set; ``folder`` appears after the last episode.
 
-    Its name is the data set's id, by which Minari finds it if ``MINARI_DATASETS_PATH``
-    is the folder above. ``env``, in which the episodes ran, is made by ``gym.make``:
-    Minari's ``recover_environment`` makes it again. ``config`` is stored as metadata.
-
-    Raises:
-        ValueError: The name is not an id, the folder exists, or there is no episode.
-        OSError: The folder cannot be written.
+    Its name is the id by which Minari finds it if ``MINARI_DATASETS_PATH`` is the
+    folder above. Minari's ``recover_environment`` makes ``env`` again. ValueError: the
+    name is no id, the folder exists, or there is no episode.
     """
     target = Path(folder).absolute()
     if not _ID.fullmatch(target.name):
@@ -175,10 +168,8 @@ class Dataset:
     """A data set on disk; episodes are read on request."""
 
     path: Path
-    stored: Any
-    """The data set as Minari opens it."""
-    policy: str
-    """Name of the policy that acted."""
+    stored: Any  # The data set as Minari opens it.
+    policy: str  # Name of the policy that acted.
     environment: str
     arguments: Mapping[str, Any]
     """Id of the environment, and the other arguments of ``gym.make``."""
@@ -246,12 +237,7 @@ class Dataset:
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """Open a data set that ``gplfd demos record`` wrote, by its folder.
-
-    Raises:
-        FileNotFoundError: There is no data set.
-        ValueError: It is damaged or of another kind.
-    """
+    """Open a data set of ``gplfd demos record``; raise ValueError for another."""
     folder = Path(path)
     if not (folder / _METADATA).is_file():
         raise FileNotFoundError(

@@ -23,34 +23,24 @@ class RawRecording:
     """One motion of a hand as read from a file, before any check of its usability.
 
     Samples may be missing (NaN), repeated, out of order and in any unit;
-    `gplfd_experiments.data.preparation` repairs and reports this.
-
-    Raises:
-        ValueError: The shapes do not belong together, or there are fewer than two
-            samples.
+    `gplfd_experiments.data.preparation` repairs and reports this. Raises ValueError for
+    shapes that do not belong together, and for fewer than two samples.
     """
 
-    name: str
-    """Origin: the file, and the part of it."""
-    positions: FloatArray
-    """Positions of the hand, (N, 3), in `unit`."""
-    unit: str | None
-    """One of `settings.METRES`; None if the file states none."""
-    times: FloatArray | None = None
-    """Time stamps [s], (N,); None if the file has none."""
+    name: str  # Origin: the file, and the part of it.
+    positions: FloatArray  # Positions of the hand, (N, 3), in `unit`.
+    unit: str | None  # One of `settings.METRES`; None if the file states none.
+    times: FloatArray | None = None  # Time stamps [s], (N,); None if the file has none.
     quaternions: FloatArray | None = None
     """Quaternions, scalar first, of any sign and norm, (N, 4); or none."""
-    reading: str = ""
-    """What orientations were read from, if not from quaternions."""
-    wrenches: FloatArray | None = None
-    """Forces and moments [N, N m], (N, 6); or none."""
+    reading: str = ""  # What orientations were read from, if not from quaternions.
+    wrenches: FloatArray | None = None  # Forces and moments [N, N m], (N, 6); or none.
     forces_on: Literal["hand", "object"] | None = None
     """What the forces act on, if the file states that they are in the axes of the poses
     and free of bias and weight; None if it states nothing about its forces."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
     """Other arrays, (N, d), such as "gripper"."""
-    notes: tuple[str, ...] = ()
-    """Notes of the reader of the file."""
+    notes: tuple[str, ...] = ()  # Notes of the reader of the file.
 
     def __post_init__(self) -> None:
         rows = len(self.positions)

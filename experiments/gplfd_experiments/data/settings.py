@@ -1,7 +1,4 @@
-"""Settings with which motion files are read and prepared, and units.
-
-Imports of NumPy are in functions, so that ``--help`` is fast.
-"""
+"""Settings of reading and preparing motion files, and units; fast, for ``--help``."""
 
 import math
 import re

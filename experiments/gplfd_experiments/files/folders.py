@@ -58,8 +58,7 @@ def complete_folder(path: str | Path, *, replace: bool = True) -> Iterator[Path]
 def folder_in_use(folder: Path) -> Iterator[Path]:
     """Create a folder, refuse it to other processes, and yield its absolute path.
 
-    The system releases it when the process ends, however it ends. A folder made here
-    that stays empty is removed. Raises ValueError if another process uses it.
+    The system releases it when the process ends. One made here that stays empty goes.
     """
     path = folder.absolute()
     if path.exists() and not path.is_dir():

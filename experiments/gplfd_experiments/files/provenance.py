@@ -69,8 +69,7 @@ def versions() -> Mapping[str, str]:
 def arithmetic() -> Mapping[str, str]:
     """Properties of this machine that determine the last bits of a result, by name.
 
-    MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
-    their code by the processor, and round differently; see docs/reproducibility.md.
+    Libraries round differently by processor; see docs/reference.md.
     """
     # Libraries are visible after they are loaded, and SciPy has its own.
     importlib.import_module("scipy.linalg")
@@ -93,11 +92,7 @@ def arithmetic() -> Mapping[str, str]:
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """``commit`` and ``dirty``: whether tracked files differ from it.
-
-    None where ``folder`` is no root of a checkout, as in an installed package, and
-    where git is missing, slow or refuses.
-    """
+    """Return ``commit`` and ``dirty`` of a checkout's root; None without one or git."""
     if not (folder / ".git").exists():
         return None
     words = ("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")

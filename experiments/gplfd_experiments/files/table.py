@@ -14,8 +14,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     """Cells, one per heading; text after a line break is small. A row with only its
     first cell is the heading of the rows below."""
-    title: str = ""
-    """Title of a table that a page shows folded."""
+    title: str = ""  # Title of a table that a page shows folded.
     note: str = ""
     left: bool = False
     """Whether all cells are left-aligned text, instead of numbers after a name."""
@@ -27,8 +26,7 @@ class Table:
         return cls(columns=heads, rows=tuple(tuple(row.values()) for row in rows))
 
 
-FIRST: Final = 5
-"""Number of columns that commands print unless all are asked for."""
+FIRST: Final = 5  # Number of columns that commands print unless all are asked for.
 
 
 def text_table(table: Table, columns: int | None = None) -> str:
@@ -50,16 +48,11 @@ def text_table(table: Table, columns: int | None = None) -> str:
 
 def markdown_table(table: Table, write: Callable[[str], str] = str) -> str:
     """Write a table of GitHub's Markdown; ``write`` writes the text of a cell."""
-
-    def written(cell: str) -> str:
-        # "[a] [b]" would be a link to b.
-        text = write(cell).replace("] [", "] \\[")
-        return text.replace("|", "\\|").replace("\n", "<br>")
-
-    rule = tuple(
-        ":--" if table.left or not place else "--:"
-        for place in range(len(table.columns))
+    marks = str.maketrans({"|": "\\|", "\n": "<br>"})
+    # "[a] [b]" would be a link to b.
+    head, *rows = (
+        [write(cell).replace("] [", "] \\[").translate(marks) for cell in row]
+        for row in (table.columns, *table.rows)
     )
-    head, *rows = (tuple(map(written, row)) for row in (table.columns, *table.rows))
-    lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
-    return "\n".join(lines)
+    rule = [":--" if table.left or not place else "--:" for place in range(len(head))]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))

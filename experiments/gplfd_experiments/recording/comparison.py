@@ -30,8 +30,7 @@ COLOURS: Final[tuple[Colour, ...]] = (
     (255, 120, 150),
 )
 """Colours of policies, in order; their number limits the number of policies."""
-SPACING: Final = 1.5
-"""Distance between neighbouring robots [m]."""
+SPACING: Final = 1.5  # Distance between neighbouring robots [m].
 
 # Angle between the view and the robots' heading, about the world's z axis. From this
 # direction no robot hides its hand, and the row is across the view.
@@ -50,10 +49,9 @@ def record_comparison(
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
 ) -> None:
-    """Write an .rrd in which policies open the same door, complete or not at all.
+    """Write an .rrd of policies at one door, the first leftmost, complete or absent.
 
-    The first log is leftmost. Raises ValueError for logs that cannot be compared, and
-    OSError if the file cannot be written.
+    Raises ValueError for logs that cannot be compared.
     """
     if not 1 <= len(logs) <= len(COLOURS):
         raise ValueError(

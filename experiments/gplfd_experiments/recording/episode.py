@@ -49,8 +49,7 @@ def record_episode(
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
-    The episode ran in the model. Raises ValueError for a log that does not fit it, and
-    OSError if the file cannot be written.
+    The episode ran in the model; ValueError for a log that does not fit it.
     """
     check_model(log, model)
     mechanisms = parts.mechanism_of(model, log.config)
@@ -138,9 +137,8 @@ def layout(
     hinge: HingeSide = "right",
     drawn: Collection[str] = (),
 ) -> rrb.Container:
-    """Return the layout, equal for all episodes with the same kinds of content.
+    """Return the layout in the task frame, mirrored for a hinge on the left.
 
-    Both 3-D views are fixed in the task frame, mirrored for a hinge on the left.
     ``kinds`` are names of disturbances, ``mechanisms`` those of `parts.TITLES`, and
     ``drawn`` the entities of the time series; panels without any are left out.
     """

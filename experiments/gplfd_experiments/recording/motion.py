@@ -23,19 +23,15 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""
-PLAN: Final = f"{ROOT}/plan"
-"""Entity that only the view from above shows."""
+PLAN: Final = f"{ROOT}/plan"  # Entity that only the view from above shows.
 VIEW: Final = f"{ROOT}/view"
 """Entity of the frame of the views: the closed handle, z up."""
-TRAIL: Final = f"{ROOT}/hand/trail"
-"""Entity of the path of the hand so far."""
+TRAIL: Final = f"{ROOT}/hand/trail"  # Entity of the path of the hand so far.
 STIFFNESS: Final = f"{ROOT}/hand/stiffness"
 """Entity of the ball that shows the stiffness of the hand."""
 
-Float32Array = NDArray[np.float32]
-"""As exact as the viewer draws."""
-N_RINGS, N_SIDES = 32, 12
-"""Cross-sections along the path, and corners of each."""
+Float32Array = NDArray[np.float32]  # As exact as the viewer draws.
+N_RINGS, N_SIDES = 32, 12  # Cross-sections along the path, and corners of each.
 
 _SLOW: Final = 0.15
 """Share of the path's largest speed below which its direction is not used."""
@@ -202,8 +198,7 @@ def _so_far(
 
 def _knots(log: EpisodeLog) -> NDArray[np.intp]:
     """Return the rows of the ends of the trail's stretches."""
-    rows = np.arange(log.times.size)
-    return _spaced(log.motion.ee_pose[:, :3], rows, _KNOT_SPACING)
+    return _spaced(log.motion.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
 
 
 def _spaced(

@@ -43,8 +43,7 @@ class Panel(NamedTuple):
     """A panel of all time series below an entity; a legend would hide curves."""
 
     entity: str
-    title: str
-    """Quantity and unit, and the colours of several curves."""
+    title: str  # Quantity and unit, and the colours of several curves.
     from_zero: bool = False
     """Whether the axis includes zero, so that heights are proportional."""
     limits: tuple[float, float] | None = None
@@ -103,11 +102,10 @@ TABS: Final = {
 
 
 def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
-    """Return every time series of the layout; values that are not finite are not drawn.
+    """Return every time series of the layout; those without finite values are left out.
 
-    A series without finite values, such as the stiffness of a policy without stiffness,
-    is left out. ``demonstrated_radius`` is the mean radius of the demonstrated paths
-    [m]; NaN if they are not circles.
+    ``demonstrated_radius`` is the mean radius of the demonstrated paths [m]; NaN if
+    they are not circles.
     """
     agent, forces = log.decisions, log.forces
     angles = np.degrees(log.opening.door_angle)
@@ -230,8 +228,7 @@ def _style(path: str, lines: Sequence[Line], archetype: Any) -> Chunk:
 
 # --- Coloured lanes: stages of the task, and stiffness of the hand
 
-STAGES: Final = "/stage"
-"""Entity of the stages, above that of every other lane."""
+STAGES: Final = "/stage"  # Entity of the stages, above that of every other lane.
 SCALE: Final[Mapping[float, Colour]] = {
     100.0: (120, 90, 255),
     300.0: (235, 85, 160),
@@ -283,10 +280,9 @@ def stage_lane(log: EpisodeLog) -> list[Chunk]:
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     """Return row and name of each stage that began, in order.
 
-    ``reach`` if the hand did not hold the handle at the start, ``grasp`` when it does,
-    then ``open``, ``hold`` after the door has reached the task's angle, ``stuck`` after
-    the last progress of a stalled door, ``success`` from the first solved step or
-    ``failure`` in the last.
+    ``reach`` if the hand did not hold the handle at the start, ``grasp``, ``open``,
+    ``hold`` at the task's angle, ``stuck`` after the last progress of a stalled door,
+    ``success`` from the first solved step or ``failure`` in the last.
     """
     angle, taken = log.opening.door_angle, log.opening.capability > 0
     stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
@@ -339,5 +335,4 @@ def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
     finite = np.isfinite(stiffness)
     scale, ends = np.array([*SCALE]), np.array([*SCALE.values()], float)
     shades = interpolated(np.where(finite, stiffness, 0.0), scale, ends)
-    tints = np.where(finite[:, None], shades, unknown)
-    return tints.round().astype(np.uint8)
+    return np.where(finite[:, None], shades, unknown).round().astype(np.uint8)

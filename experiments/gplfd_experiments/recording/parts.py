@@ -1,9 +1,7 @@
 """What only some episodes show: parts of the door, a mobile base, disturbances.
 
-Handle, bolt and base are joints of the model, so their motion is in the log's
-generalised positions. The existing parts follow from model and door alone, before the
-episode. Of a disturbance the log has the magnitude of the force, but not its direction:
-a ball above the hand, with an area proportional to the force, and its label show it.
+Handle, bolt and base are joints of the model, with their motion in the log. Of a
+disturbance the log has the magnitude, not the direction: the area of a ball shows it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,8 +25,7 @@ from gplfd_experiments.recording.panels import Line
 
 LATCH: Final = f"{panels.STAGES}/latch"
 """Entity of the lane with the state of the bolt."""
-ARM: Final = "/world/scene/closer_arm"
-"""Entity of a closer's arm, in the world's axes."""
+ARM: Final = "/world/scene/closer_arm"  # Entity of a closer's arm, in the world's axes.
 LOG, PANEL = "/outside/log", "outside"
 """Entities of the texts about disturbances, and of their time series below
 `panels.ROOT`."""

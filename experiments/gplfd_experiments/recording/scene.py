@@ -1,7 +1,6 @@
 """Robot and door: MuJoCo's visual geoms drawn once, and moved with their bodies.
 
-Bodies that are fixed to each other move together. Their geoms are on the entity of the
-moving body that carries them, or of the world, which is body 0.
+Bodies that are fixed to each other are one moving body, or the world, which is body 0.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,8 +45,7 @@ _TEXTURED: Final = (0.42, 0.43, 0.45, 1.0)
 def drawn_scene(model: mujoco.MjModel) -> Iterator[Chunk]:
     """Return every visible geom: a chunk per moving body, and one per mesh.
 
-    Spheres become ellipsoids and planes become thin boxes below them, so that a body
-    has at most one archetype of each sort.
+    Spheres become ellipsoids and planes thin boxes: a body has one archetype of a sort.
     """
     kinds, sizes = np.array(model.geom_type), np.array(model.geom_size)
     places, quaternions = np.array(model.geom_pos), np.array(model.geom_quat)

@@ -19,8 +19,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
 
-TEXT: Final = "/about"
-"""Entity of the page that explains a recording."""
+TEXT: Final = "/about"  # Entity of the page that explains a recording.
 
 _APPLICATION: Final = "gplfd"  # The viewer groups recordings and keeps layouts by it.
 _TIMELINE: Final = "sim_time"  # Simulated time since reset.
@@ -85,8 +84,7 @@ def write_recording(
             layout.save(_APPLICATION, file)
             reader = RrdReader(file)
             source.send_chunks(reader.stream(store=reader.blueprints()[0]))
-        native = stream.to_native()
-        bindings.send_blueprint(blueprint, False, True, recording=native)
+        bindings.send_blueprint(blueprint, False, True, recording=stream.to_native())
         stream.send_recording_name(name)
         stream.send_chunks(chunks)
         content = recording.drain_as_bytes()

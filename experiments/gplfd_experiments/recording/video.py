@@ -2,13 +2,11 @@
 
 import contextlib
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from gplfd_env.envs.camera import Camera
@@ -19,39 +17,16 @@ from gplfd_policies.arrays.storage import complete_or_absent
 
 SUFFIX: Final = ".mp4"
 
+SIZE: Final = (640, 480)  # Width and height [px], multiples of 16.
+RATE: Final = 25  # Images per second.
+_PAUSE: Final = 1.0  # Additional time of the last image [s].
 # Rendered pixels per pixel of the video, in each direction, for smooth edges. Without a
 # graphics card, this takes a quarter of the time of the renderer's antialiasing.
 _OVERSAMPLING: Final = 2
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class VideoFormat:
-    """Size, rate and compression of a video."""
-
-    size: tuple[int, int] = (640, 480)
-    """Width and height [px], multiples of 16."""
-    rate: int = 25
-    last: float = 1.0
-    """Additional time of the last image [s]."""
-    encoding: tuple[str, ...] = ()
-    """Options of ffmpeg in addition to those of imageio-ffmpeg, which are H.264 in
-    yuv420p."""
-
-    def rows(self, log: EpisodeLog) -> NDArray[np.intp]:
-        """Return the row of the log of each image, at k/rate and at the end."""
-        times = np.arange(0.0, log.times[-1], 1.0 / self.rate)
-        times = np.append(times, log.times[-1])
-        return np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
-
-
-STANDARD: Final = VideoFormat()
-
-
 def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
-    """Return the video of each door: the file, or one file per door in its folder.
-
-    For several doors, `opening.mp4` becomes `opening-small.mp4`, `opening-large.mp4`.
-    """
+    """Return the video of each door: the file, or FILE-DOOR.mp4 for several."""
     if file.suffix.lower() != SUFFIX:
         raise ValueError(
             f"--video writes {SUFFIX} files, got {str(file)!r}; give for example "
@@ -85,21 +60,24 @@ def check_video() -> None:
         raise OSError(f"--video: {error}") from error
 
 
-def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
+def write_video(path: Path, log: EpisodeLog, model: Any) -> int:
     """Write an episode, complete or not at all (`OSError`); return how many images."""
     import imageio_ffmpeg
 
-    rows, pause = form.rows(log), round(form.last * form.rate)
+    # The row of the log of each image, at k/rate and at the end.
+    times = np.append(np.arange(0.0, log.times[-1], 1.0 / RATE), log.times[-1])
+    rows = np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
+    pause = round(_PAUSE * RATE)
     data = mujoco.MjData(model)
-    width, height = (_OVERSAMPLING * side for side in form.size)
+    width, height = (_OVERSAMPLING * side for side in SIZE)
     camera = Camera(model, width, height, "overview", effects=False)
     with contextlib.closing(camera), complete_or_absent(path) as temporary:
         # The temporary name has no suffix for the format.
         encoder = imageio_ffmpeg.write_frames(
             temporary,
-            form.size,
-            fps=form.rate,
-            output_params=["-f", "mp4", *form.encoding],
+            SIZE,
+            fps=RATE,
+            output_params=["-f", "mp4"],
         )
         with contextlib.closing(encoder):
             encoder.send(None)

@@ -38,16 +38,13 @@ _EVENTS: Final = "/events"
 
 
 def viewer() -> str:
-    """Path of the viewer's own executable, or FileNotFoundError.
-
-    The ``rerun`` script is a Python program that waits for the viewer; if it is
-    terminated, the viewer keeps running.
-    """
+    """Path of the viewer's own executable, or FileNotFoundError."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise FileNotFoundError(
             "the Rerun viewer is not installed; pip install rerun-sdk brings it"
         )
+    # Not the script ``rerun``: if that is terminated, the viewer keeps running.
     name = "rerun.exe" if sys.platform == "win32" else "rerun"
     return str(Path(package.origin).with_name(name))
 
@@ -55,8 +52,7 @@ def viewer() -> str:
 def open_recording(file: Path) -> int:
     """Open a recording in the viewer; return its exit status once it is closed.
 
-    A journal is first converted to a recording in its folder. Raises ValueError for one
-    that is damaged or holds no message.
+    A journal is first converted to a recording; ValueError for a damaged one.
     """
     if file.is_dir():
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
@@ -103,8 +99,7 @@ def _recorded(journal: Path) -> Path:
     if not events:
         raise ValueError(f"{journal} holds no message yet")
     at, texts = zip(*events, strict=True)
-    columns = rr.TextLog.columns(text=texts)
-    chunks = [moving(_EVENTS, np.array(at) - at[0], columns)]
+    chunks = [moving(_EVENTS, np.array(at) - at[0], rr.TextLog.columns(text=texts))]
     for name, samples in curves.items():
         times, values = map(np.array, zip(*samples, strict=True))
         lines = dict(zip(_LINES, values.astype(np.float64).T, strict=True))

@@ -153,8 +153,7 @@ INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z
 in the picture from the left and from the top in widths and heights, and six deflections
 (keys, wheel, SpaceMouse) from -1 to 1 along and about the axes of the task frame."""
 
-SPRING: Final = (300.0, 100.0)
-"""Stiffness of the virtual spring [N/m, N m/rad]."""
+SPRING: Final = (300.0, 100.0)  # Stiffness of the virtual spring [N/m, N m/rad].
 _FORCE: Final = 45.0  # Largest force of the spring [N].
 _ACROSS: Final = 0.1  # Share of the stiffness across the motion of a moving hand.
 _MOVING: Final = 0.05  # Speed from which a hand counts as moving [m/s].
@@ -179,10 +178,9 @@ def checked_input(values: object) -> Sample:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraView:
-    """A static camera: position and axes in the task frame.
+    """A static camera: position and axes (right, up, back) in the task frame.
 
-    The columns of `axes` point to the right, upwards and backwards in the picture. A
-    position in the picture stands for a point in a plane with the normal `normal`, in
+    A position in the picture stands for a point in a plane with the normal `normal`, in
     which the door moves the hand.
     """
 
@@ -271,10 +269,9 @@ class Lead:
 
 
 class LeadingPerson:
-    """Leads the hand of a policy while a device is held or deflected.
+    """Leads the hand of a policy while a device is held or deflected, as a `Leader`.
 
-    A `gplfd_experiments.episodes.leading.Leader`. The pull is limited, and taking the
-    hand and handing it over are blended, as by the synthetic corrector.
+    The pull is limited, and taking the hand and handing it over are blended.
     """
 
     by: Who = "person"
@@ -316,9 +313,8 @@ SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 class Lesson(ABC):
     """A person leads a hand on the handle of a closed door, step by step.
 
-    An input is a sample of the device, `INPUTS`. Each input advances the simulation by
-    one control period, independent of real time, so that equal inputs give equal
-    recordings. The picture is from above, for a flap from the side.
+    Each input, `INPUTS`, advances the simulation by one control period, independent of
+    real time: equal inputs give equal recordings. The picture is from above.
     """
 
     longest: ClassVar[int]  # Of an episode, in control periods.
@@ -507,8 +503,7 @@ class CorrectionLesson(Lesson):
 
     def result(self) -> str:
         """Return how the episode ended, and the time of leading."""
-        seconds = self.record().seconds
-        return f"{self._ended}. You led the hand for {seconds:.1f} s."
+        return f"{self._ended}. You led the hand for {self.record().seconds:.1f} s."
 
     @property
     def _ended(self) -> str:

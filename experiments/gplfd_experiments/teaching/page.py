@@ -1,7 +1,6 @@
 """The local web page on which a person leads the hand, and its server.
 
-The page sends the device's input and receives the next picture, repeatedly. Without
-requests, for example after its window is closed, the simulation stops.
+The page sends the input and receives the next picture; without requests nothing moves.
 """
 
 import io
@@ -75,10 +74,7 @@ class TeachingSession:
         self.phase, self._since = "shown", now
 
     def exchange(self, request: Mapping[str, Any], now: float) -> tuple[Any, bytes]:
-        """Process an input at a time [s]; return the state, as JSON, and the picture.
-
-        Raises ValueError for a request without an input, or with an unknown button.
-        """
+        """Process a checked input at a time [s]; return state, as JSON, and picture."""
         sample, press = checked_input(request.get("input")), request.get("press", "")
         if press not in PRESSES:
             raise ValueError(f"press {press!r:.40} must be one of {PRESSES}")
@@ -133,8 +129,7 @@ def teach(
 ) -> int:
     """Serve the page until the person finishes; return how many demonstrations exist.
 
-    The page has device, host and port. OSError: the address is taken, or pictures
-    cannot be drawn.
+    The page has device, host and port. OSError: the address or the renderer fails.
     """
     named = named_doors(doors).items()
     lessons = [partial(DemonstrationLesson, *door, drawn=True) for door in named]

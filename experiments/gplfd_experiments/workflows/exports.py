@@ -77,11 +77,9 @@ def export_skill(
     """Write the commanded path of a skill in the formats of the files' suffixes.
 
     ``frame`` is the pose of the task frame in the robot's base, x, y, z [m] and a
-    quaternion, scalar first; ``tool`` the quaternion of the tool in the task frame.
-    ``exceeded`` are sentences of a dry run. If there are any, or the path exceeds the
-    limits, nothing is written, unless ``allow``. Returns the path and the metadata of
-    JSON. Raises LimitsExceededError, ValueError for options, OSError for files,
-    ModuleNotFoundError for rosbags.
+    quaternion, scalar first; ``tool`` the quaternion of the tool in the task frame. If
+    the path exceeds limits, or a dry run has ``exceeded`` some, LimitsExceededError is
+    raised instead, unless ``allow``. Returns the path and the metadata of JSON.
     """
     for file in files:
         if file.suffix[1:] not in COMMAND_WRITERS:
@@ -152,12 +150,10 @@ _APART: Final = 10  # Number of samples between two poses that are checked for r
 class DryRun(NamedTuple):
     """What a simulated execution takes of a robot."""
 
-    summary: dict[str, str]
-    """Largest values with units, by name."""
+    summary: dict[str, str]  # Largest values with units, by name.
     hand: Float[np.ndarray, "T 3"]
     """Path of the hand in the frame of the base at the start [m]."""
-    exceeded: list[str]
-    """Sentences of `exceeded_limits`."""
+    exceeded: list[str]  # Sentences of `exceeded_limits`.
 
 
 def _played(

@@ -48,11 +48,10 @@ METRICS: Final = "metrics.json"
 def open_doors(
     settings: RunSettings, folder: Path, options: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
-    """Learn, open each door once, and write everything.
+    """Learn once per kind of doors, open each door once, and write everything.
 
-    Doors of several kinds have several agents, which learn from demonstrations of their
-    kind. If the policy raises an error in acting, the other doors are still opened.
-    Nothing is written before the first episode has ended. The options are stored.
+    If the policy raises an error in acting, the other doors are still opened. Before
+    the first episode has ended, nothing is written. The options are stored.
     """
     paths = {name: getattr(settings, name) for name in ("demonstrations", "skill")}
     absolute = {name: path and path.absolute() for name, path in paths.items()}
@@ -121,9 +120,9 @@ def open_doors(
             demonstrations = labelled[task.demonstrations_key].demonstrations
             record_episode(folder / f"{task.door}.rrd", log, model, demonstrations)
             if file := videos.get(task.door):
-                images = video.write_video(file, log, model, video.STANDARD)
-                seconds = images / video.STANDARD.rate
-                LOG.info("wrote %s (%d pictures, %.1f s)", file, images, seconds)
+                images = video.write_video(file, log, model)
+                duration = images / video.RATE
+                LOG.info("wrote %s (%d pictures, %.1f s)", file, images, duration)
             if joint := _at_limit(log, model, body.arm):
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)

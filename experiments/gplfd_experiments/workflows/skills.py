@@ -34,8 +34,7 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
     file = npz.demonstrations_file(demonstrations)
     try:
         config = plain_data.read_json(file.with_name(CONFIGURATION))["config"]
-        files = config["demonstrations_of"].values()
-        doors = zip(config["doors"], files, strict=True)
+        doors = zip(config["doors"], config["demonstrations_of"].values(), strict=True)
         return tuple(door for door, kept in doors if kept == file.name)
     except (OSError, ValueError, KeyError):
         recordings = lesson.read_taught(file.parent)
@@ -124,8 +123,7 @@ def correct_skill(
     """Open doors with a skill and correct it; return it, and a row of text per door.
 
     A synthetic corrector leads the hand, or, with the device, host and port of a page,
-    a person in a browser. The corrected skill is written to another file after every
-    correction that is kept.
+    a person in a browser. The skill is written after every kept correction.
     """
     arguments.check_least("--seed", seed, 0)
     arguments.check_folder(out.parent)

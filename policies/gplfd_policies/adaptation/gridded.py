@@ -23,12 +23,6 @@ LOOK_AHEAD: Final = 0.05
 """Length of the chord that defines the direction of the path, in phase."""
 
 
-def look_ahead(phases: PerRow, start: PerRow) -> Float[np.ndarray, "*S"]:
-    """Return phases, and both ends of chords from ``start`` or at the path's end."""
-    end = np.minimum(start + LOOK_AHEAD, 1.0)
-    return np.array([phases, end - LOOK_AHEAD, end])
-
-
 class GriddedMovement:
     """A movement under one form of adaptation, on a uniform grid of phases.
 
@@ -121,15 +115,11 @@ class GriddedMovements:
 
     def at(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
-    ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
-        """Return means and standard deviations at one phase in [0, 1] per row."""
-        both = self.moments_at(phases, rows)
-        return both[..., :6], both[..., 6:12]
-
-    def moments_at(
-        self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> Float[np.ndarray, "*S 13"]:
-        """Return means, standard deviations, and the covariance of x and z [m²]."""
+        """Return six means and six standard deviations at one phase per row [m, rad].
+
+        The last number is the covariance of x and z [m²]; phases are in [0, 1].
+        """
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
@@ -141,24 +131,17 @@ class GriddedMovements:
     def ahead(
         self, phases: PerRow, rows: Rows = ALL_ROWS
     ) -> tuple[Axes, Axes, Vectors]:
-        """Return mean and σ [m, rad], and the direction of the path ahead."""
-        means, stds = self.at(look_ahead(phases, phases), rows)
-        return means[0], stds[0], self.direction(means[1:])
+        """Return mean and σ [m, rad], and the chord of the path ahead [m]."""
+        end = np.minimum(phases + LOOK_AHEAD, 1.0)
+        here, begin, end = self.at(np.array([phases, end - LOOK_AHEAD, end]), rows)
+        return here[..., :6], here[..., 6:12], end[..., :3] - begin[..., :3]
 
-    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return the hand poses for poses of the movements (here identical)."""
+    def geared(self, poses: Axes, power: int, rows: Rows = ALL_ROWS) -> Axes:
+        """Return hand poses for poses of the movements, or with power -1 the reverse.
+
+        Here they are identical.
+        """
         return poses
-
-    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return the poses of the movements for hand poses (here identical)."""
-        return poses
-
-    @staticmethod
-    def direction(chord: Float[np.ndarray, "2 *N 6"]) -> Vectors:
-        """Return the unit vectors along chords of paths."""
-        between = chord[1, ..., :3] - chord[0, ..., :3]
-        length = np.sqrt(np.add.reduce(between * between, axis=-1)) + 1e-9
-        return np.asarray(between / length[..., None])
 
     def _renew(self, member: int) -> None:
         movement = self._movements[member]

@@ -99,32 +99,22 @@ class SimilarityAdaptation:
         self._covariance = covariance - gain[:, None] * (gain / variance)
         self._forecast()
 
-    @property
-    def mean(self) -> Outputs:
-        """Current mean on the grid [m, rad]; it is replaced, not changed."""
-        return self._mean
-
-    @property
-    def std(self) -> Outputs:
-        """Current standard deviation on the grid [m, rad]."""
-        return self._std
-
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with smooth deviations."""
-        std = self._std.copy()
+        std = self.std.copy()
         (x, z), others = self._level, [std[:, [output]] for output in _OTHERS]
         covariance = partial(_over_time, [x, others[0], z, *others[1:]], std)
-        mean = self._mean.copy()
+        mean = self.mean.copy()
         return GaussianTrajectory.from_moments(self._grid, mean, std, covariance)
 
     def _forecast(self) -> None:
         """Compute the moments on the grid."""
-        self._mean, variance = np.empty((2, self._grid.size, 6))
+        mean, variance = np.empty((2, self._grid.size, 6))
         weights = self.sizes.weights
         paths, angles = self.sizes.forecast(self._grid)
         path = paths @ weights
-        self._mean[:, 0] = path.real + self._apart[:, 0]
-        self._mean[:, 2] = -path.imag + self._apart[:, 1]
+        mean[:, 0] = path.real + self._apart[:, 0]
+        mean[:, 2] = -path.imag + self._apart[:, 1]
         apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
         dx, dz = apart.real, -apart.imag
         ax, az = across.real, -across.imag
@@ -149,14 +139,15 @@ class SimilarityAdaptation:
         constant, smooth = _CONSTANT**0.5, (1.0 - _CONSTANT) ** 0.5
         state, left = self._state, self._covariance
         deviation = constant * state[0] + smooth * (a * state[1] + b * state[2])
-        self._mean[:, _OTHERS] = self._expected + self._spread * deviation
+        mean[:, _OTHERS] = self._expected + self._spread * deviation
         smooth_noise = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
         smooth_noise = smooth_noise + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
         both = a * left[0, 1] + b * left[0, 2]
         smooth_part = smooth * (2.0 * constant * both + smooth * smooth_noise)
         share = _CONSTANT * left[0, 0] + smooth_part
         variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
-        self._std = np.sqrt(variance)
+        self.mean, self.std = mean, np.sqrt(variance)
+        """Current moments on the grid [m, rad]; they are replaced, not changed."""
 
 
 def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:

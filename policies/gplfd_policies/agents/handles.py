@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from gplfd_policies.adaptation.gridded import (
+    LOOK_AHEAD,
     GriddedMovement,
     GriddedMovements,
-    look_ahead,
 )
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
@@ -98,7 +98,7 @@ class HandleMovements(GriddedMovements):
         """Condition a row's movement on a via-point, given as a pose of the hand."""
         rows = np.array([member]) if self.numbers.shape else ALL_ROWS
         phase = np.full(self.numbers[rows].shape, via_point.phase)
-        expected = self.at(phase, rows)[0].ravel().tolist()
+        expected = self.at(phase, rows)[..., :6].ravel().tolist()
         pose = self._handles[member].without_handle_motion(
             via_point.pose.tolist(), expected
         )
@@ -107,29 +107,24 @@ class HandleMovements(GriddedMovements):
     def ahead(
         self, phases: PerRow, rows: Rows = ALL_ROWS
     ) -> tuple[Axes, Axes, Vectors]:
-        """Return mean, σ, and the direction of the axis's path in the opening ahead."""
+        """Return mean, σ, and the chord of the axis's path in the opening ahead."""
         opens = [self._handles[number].opens for number in self._of(rows)]
         start = np.maximum(phases, np.reshape(opens, np.shape(phases)))
-        means, stds = self.at(look_ahead(phases, start), rows)
-        chord = self.axis_positions(means[1:], rows)
-        return means[0], stds[0], self.direction(chord)
+        end = np.minimum(start + LOOK_AHEAD, 1.0)
+        moments = self.at(np.array([phases, end - LOOK_AHEAD, end]), rows)
+        begin, end = self.axis_positions(moments[1:, ..., :6], rows)[..., :3]
+        return moments[0, ..., :6], moments[0, ..., 6:12], end - begin
 
-    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+    def geared(self, poses: Axes, power: int, rows: Rows = ALL_ROWS) -> Axes:
         """Return hand poses at these rows' handle turns for poses of the movements.
 
+        With power -1, hand poses at the demonstrated turns for these rows' hands.
         Handles of closed doors do not turn back: bolts would be extended again.
         """
-        return self._geared(poses, 1.0, rows)
-
-    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return hand poses at the demonstrated handle turns for these rows' hands."""
-        return self._geared(poses, -1.0, rows)
-
-    def _geared(self, poses: Axes, power: float, rows: Rows) -> Axes:
         geared = poses.copy()
         for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
-            pressed = self._pressed[number] if power > 0.0 else None
+            pressed = self._pressed[number] if power > 0 else None
             if gear != 1.0 or pressed is not None:
                 _, turn = handle.swing_twist(row[3:].tolist())
                 turn *= gear**power

@@ -16,7 +16,7 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
-from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
+from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Frames, Vectors
 from gplfd_policies.control.load import ContactState, ForceForecast, LearnedLoad, Load
@@ -179,13 +179,13 @@ class ComplianceController:
         # A copy, because a phase rule may return the command phase, which changes.
         command_phase: PerRow = self._command_phase[rows].copy()
         estimate = self._phases.update(
-            movements.movement_poses(poses, rows),
+            movements.geared(poses, -1, rows),
             self._observed_phase[rows],
             command_phase,
             rows,
         )
         phase = self._observed_phase[rows] = estimate.phase
-        mean, mean_std, direction = movements.ahead(phase, rows)
+        mean, mean_std, chord = movements.ahead(phase, rows)
         force, force_ahead = None, None
         if forces is not None:
             axes = into_axes(poses[..., None, 3:], _UNITS)
@@ -199,7 +199,9 @@ class ComplianceController:
         self._last_via[rows] = np.where(due, phase, last_via)
         if due.any():
             command_phase = self._adapt(due, estimate, poses, command_phase, rows)
-            _, _, direction = movements.ahead(phase, rows)
+            _, _, chord = movements.ahead(phase, rows)
+        length = np.sqrt(np.add.reduce(chord * chord, axis=-1)) + 1e-9
+        direction: Vectors = chord / length[..., None]
         contact = ContactState(
             expected=force,
             expected_ahead=force_ahead,
@@ -212,7 +214,7 @@ class ComplianceController:
         target = self._advance(phase, command_phase, response.pace, rows)
         lag = response.path_lag
         std, std_rate, frame, governed = self._stiffen(target, lag, direction, rows)
-        action = self._renderer.command(
+        action, margin = self._renderer.command(
             target.desired,
             target.velocity,
             governed.stiffness,
@@ -237,13 +239,13 @@ class ComplianceController:
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
-            contact_margin=self._renderer.contact_margin(governed.stiffness),
+            contact_margin=margin,
             compensated_load=response.compensated_load,
             path_lag=lag,
             phase=target.phase,
             observed_phase=phase,
             phase_misfit=estimate.misfit,
-            predicted_mean=movements.hand_poses(mean, rows),
+            predicted_mean=movements.geared(mean, 1, rows),
             predicted_std=mean_std,
             via_point=due,
             **inferred,
@@ -280,8 +282,9 @@ class ComplianceController:
             movements.observe(number, ViaPoint(phase=via_phase, pose=pose, **noise))
         if self._forces is not None:
             self._forces.learn(due, phase, rows)
-        ahead = look_ahead(command_phase, command_phase)
-        (after, begin, end), _ = movements.at(ahead, rows)
+        ends = np.minimum(command_phase + LOOK_AHEAD, 1.0)
+        phases = np.array([command_phase, ends - LOOK_AHEAD, ends])
+        after, begin, end = movements.at(phases, rows)[..., :6]
         chord = (end - begin)[..., :3] / LOOK_AHEAD
         shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
         shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
@@ -295,9 +298,9 @@ class ComplianceController:
     def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
         """Return the means of these rows' movements, with limited lead in rotation."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
-        poses: Axes = means[0]
-        poses[..., 3:] = means[1, ..., 3:]
+        moments = self._movements.at(np.array([phase, turn_phase]), rows)
+        poses: Axes = moments[0, ..., :6]
+        poses[..., 3:] = moments[1, ..., 3:6]
         return poses
 
     def _advance(
@@ -313,14 +316,14 @@ class ComplianceController:
         turn_phase = np.minimum(phase, observed_phase + config.max_turn_lead)
         end = np.minimum(phase + LOOK_AHEAD, 1.0)
         phases = np.array([phase, end - LOOK_AHEAD, end, turn_phase])
-        moments = movements.moments_at(phases, rows)
+        moments = movements.at(phases, rows)
         chord = moments[2, ..., :3] - moments[1, ..., :3]
         desired = moments[0, ..., :6]
         desired[..., 3:] = moments[3, ..., 3:6]
         remaining = config.settling_time / (period + config.settling_time)
         offset = self._offset[rows] = remaining * self._offset[rows]
         velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
-        poses = movements.hand_poses(desired + offset, rows)
+        poses = movements.geared(desired + offset, 1, rows)
         std, level = moments[0, ..., 6:12], moments[0, ..., 12]
         return _SetPoint(phase, poses, velocity, chord, std, level)
 

@@ -83,11 +83,12 @@ class ForceForecast:
         if self._due[rows].any():
             self._condition(rows)
         ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
-        means, stds = self._movements.at(ends, rows)
         largest = self._largest[rows]
         here, ahead = (
-            ExpectedForce(mean=mean, std=std, axes=axes, largest=largest)
-            for mean, std in zip(means[..., :3], stds[..., :3], strict=True)
+            ExpectedForce(
+                mean=force[..., :3], std=force[..., 6:9], axes=axes, largest=largest
+            )
+            for force in self._movements.at(ends, rows)
         )
         return here, ahead
 
@@ -325,10 +326,8 @@ class _LoadLearner(Load):
         # door. A path without direction has no stiffness along it, and no resistance.
         softest = _along(direction, self._profile.k_min[:3] * direction)
         coming = learned * (resistance - compensated) / np.maximum(softest, 1e-9)
-        compliant = contact.wrench.copy()
-        compliant[..., :3] += compensated[..., None] * direction
-        pace = _pace(np.maximum(lag, coming) / rule.lag)
-        return LoadResponse(compliant, compensated, pace, lag)
+        share = np.maximum(lag, coming) / rule.lag
+        return _response(contact.wrench, direction, compensated, share, lag)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -350,10 +349,8 @@ class CarriedLoad(Load, Quantities):
         """Return the response to wrenches on hands that move along directions."""
         resistance = np.asarray(np.maximum(-_along(direction, wrench), 0.0))
         compensated = np.asarray(np.minimum(resistance, self.limit))
-        compliant = wrench.copy()
-        compliant[..., :3] += compensated[..., None] * direction
-        pace, lag = _pace(resistance / self.limit), np.zeros_like(compensated)
-        return LoadResponse(compliant, compensated, pace, lag)
+        share, lag = resistance / self.limit, np.zeros_like(compensated)
+        return _response(wrench, direction, compensated, share, lag)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -372,7 +369,16 @@ def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> PerRow:
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
 
 
-def _pace(share: PerRow) -> PerRow:
-    """Return 1 for a share of 0, 0 for a share of 1, -1 from 1.19 on."""
+def _response(
+    wrench: Axes,
+    direction: Vectors,
+    compensated: Float[np.ndarray, "*N"],
+    share: PerRow,
+    lag: PerRow,
+) -> LoadResponse:
+    """Return a response; pace 1 for a share of 0, 0 for a share of 1, -1 from 1.19."""
+    compliant = wrench.copy()
+    compliant[..., :3] += compensated[..., None] * direction
     # Not `**`: for arrays its last bit depends on the processor.
-    return np.asarray(1.0 - np.minimum(np.float_power(share, 4.0), 2.0))
+    pace = np.asarray(1.0 - np.minimum(np.float_power(share, 4.0), 2.0))
+    return LoadResponse(compliant, compensated, pace, lag)

@@ -110,11 +110,6 @@ class VirtualRendering(Admittance):
         """Return how far hands have been displaced from their desired positions [m]."""
         return self._displacement[rows][..., :3]  # e of Eq. (22)
 
-    def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return the delay that a held hand tolerates beyond the longest one [s]."""
-        damping = self._dynamics.damping(stiffness)
-        return self._held.margin(stiffness, damping, self._dynamics.mass)
-
     def command(
         self,
         desired: Axes,
@@ -125,13 +120,18 @@ class VirtualRendering(Admittance):
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
-    ) -> Axes:
-        """Return desired poses [m, rad] displaced by the compliant wrench [N, N m]."""
+    ) -> tuple[Axes, Axes]:
+        """Return desired poses [m, rad] displaced by the compliant wrench [N, N m].
+
+        Also the delay that a held hand tolerates beyond the longest one [s].
+        """
         # The stiff arm exerts the compensated force without a lead.
         offset = self.step(stiffness, compliant_wrench, self._period, rows, frame)
         action: Axes = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
-        return action
+        damping, held = self._dynamics.damping(stiffness), self._held
+        tolerated = held.tolerated_delay(stiffness, damping, self._dynamics.mass)
+        return action, tolerated - held.delay
 
 
 class ArmRendering:
@@ -167,10 +167,6 @@ class ArmRendering:
         """Return how far hands have been displaced from their desired positions [m]."""
         return np.asarray(hands - self._rest[rows])
 
-    def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return infinity: there is no loop through the command."""
-        return np.full(stiffness.shape, np.inf)
-
     def command(
         self,
         desired: Axes,
@@ -181,8 +177,11 @@ class ArmRendering:
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
-    ) -> Axes:
-        """Return desired poses that lead by the compensated force and velocity."""
+    ) -> tuple[Axes, Axes]:
+        """Return desired poses that lead by the compensated force and velocity.
+
+        Held hands tolerate every delay: there is no loop through the command.
+        """
         before = self._velocity[rows]
         smooth = self._velocity[rows] = before + self._share * (velocity - before)
         damping = self._dynamics.damping(stiffness)[..., :3]
@@ -191,4 +190,4 @@ class ArmRendering:
         rest = self._rest[rows] = desired[..., :3] - compensated_force / stiffest
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
-        return action
+        return action, np.full(stiffness.shape, np.inf)

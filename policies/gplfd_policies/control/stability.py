@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes, Vectors
+from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics, product
 
 _USED_SHARE = 0.999  # the conditions are strict inequalities
@@ -105,7 +105,9 @@ class StiffnessGovernor:
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
         self._half = self._resistance[:3]
         self._floor = gamma[:3] * dynamics.least_damping[:3]
-        self._least = self._weighed(profile.k_min[:3])
+        least = profile.k_min[:3]  # φ(k_min), as φ is computed in `step`:
+        drag = np.maximum(2.0 * self._half * np.sqrt(least), self._floor)
+        self._least = least + drag
         self._stiffness = np.full((*shape, 6), np.nan)  # NaN: none yet
         self._frame = np.full((*shape, 3, 3), np.nan)
 
@@ -142,7 +144,8 @@ class StiffnessGovernor:
             turned = np.where(np.isnan(turned), frame, turned)
             self._frame[rows] = frame
             turn = product(frame.swapaxes(-1, -2), turned)
-            excess = (self._weighed(highest[..., :3]) - self._least)[..., None, :]
+            drag = np.maximum(2.0 * self._half * np.sqrt(highest[..., :3]), self._floor)
+            excess = (highest[..., :3] + drag - self._least)[..., None, :]
             matrix = product(turn * excess, turn.swapaxes(-1, -2))
             diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
             scale = np.sqrt(diagonal)
@@ -160,8 +163,3 @@ class StiffnessGovernor:
         rate = (allowed - previous) / dt
         self._stiffness[rows] = allowed
         return GovernedStiffness(allowed, rate, bound - rate)
-
-    def _weighed(self, stiffness: Vectors) -> Vectors:
-        """Return φ(k) = k + γd(k)."""
-        drag = np.maximum(2.0 * self._half * np.sqrt(stiffness), self._floor)
-        return np.asarray(stiffness + drag)

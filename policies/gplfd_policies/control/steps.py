@@ -126,7 +126,9 @@ class AgentStep:
             if not (leading or shape) and type(value) is np.float64:
                 continue
             dtype = np.bool_ if name == "via_point" else np.float64
-            value = real_array(value) if name == "action" else value
+            exact = type(value) is np.ndarray and value.dtype == np.float64
+            if name == "action" and not exact:
+                value = real_array(value)
             array: np.ndarray = np.array(value, dtype)
             if array.shape != leading + shape:
                 single = shape if name == "frame" else ()

@@ -72,10 +72,6 @@ class ContactLoop:
         delay = self.period * lead / (2.0 * np.arcsin(np.sqrt(share)))
         return np.where(crosses, delay, np.inf)
 
-    def margin(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
-        """Return the tolerated delay minus `delay` [s]; negative if unstable."""
-        return self.tolerated_delay(stiffness, damping, mass) - self.delay
-
 
 SERVO_LAG: Final = 0.005
 """Delay of servo, contact and wrist sensor [s]: at most 4.6 ms were measured."""
@@ -183,7 +179,9 @@ class StiffnessProfile:
         profile_rows = rows if self.alpha.ndim > 1 else ALL_ROWS
         if frame is None:
             k_max, k_min = self.k_max, self.k_min
-            argument = self._argument(std, profile_rows)
+            alpha, beta = self.alpha[profile_rows], self.beta[profile_rows]
+            with np.errstate(over="ignore"):  # The sigmoid is flat at infinity.
+                argument = np.asarray(alpha * (std - beta))
         else:
             law = np.empty((*std.shape, 4))
             weights = (frame * frame).swapaxes(-1, -2)
@@ -204,7 +202,8 @@ class StiffnessProfile:
         Eq. (25), see `printed_rate`, has the opposite sign and lacks k_min:
         `test_eq25_rate_is_the_derivative_of_eq24`.
         """
-        argument = self._argument(std)
+        with np.errstate(over="ignore"):  # The sigmoid is flat at infinity.
+            argument = self.alpha * (std - self.beta)
         # (k_max - k)(k - k_min)/(k_max - k_min)², free of cancellation at both ends.
         slope = scipy.special.expit(argument) * scipy.special.expit(-argument)
         return np.asarray(-self.alpha * (self.k_max - self.k_min) * slope * std_rate)
@@ -222,11 +221,6 @@ class StiffnessProfile:
         stiffness = self.stiffness(std)
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
         return np.asarray(self.alpha * stiffness * shortfall * std_rate)
-
-    def _argument(self, std: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return α(σ - β); it may overflow to infinity, where the sigmoid is flat."""
-        with np.errstate(over="ignore"):
-            return np.asarray(self.alpha[rows] * (std - self.beta[rows]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

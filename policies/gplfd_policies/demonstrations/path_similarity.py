@@ -100,11 +100,18 @@ class SimilarityModel:
             tangent /= np.maximum(np.abs(tangent), _NEAREST)
             along = ((level - path) * tangent.conj()).real
             across = (level * np.exp(-1j * np.angle(path))).imag
-            lag = _smooth_std(along, config.least_std)
-            lateral_std = _smooth_std(across, config.least_std)
+            # The standard deviations of a repetition, averaged along the task [m].
+            smooth, width = [], 2 * _SMOOTHING + 1
+            for deviations in (along, across):
+                # Deviations from their own mean have one degree of freedom less.
+                variance = (deviations**2).sum(axis=0) * (1.0 + 1.0 / count)
+                padded = np.pad(variance / (count - 1), _SMOOTHING, mode="edge")
+                mean = np.convolve(padded, np.full(width, 1.0 / width), "valid")
+                smooth.append(np.maximum(np.sqrt(mean), config.least_std))
+            lag, lateral_std = smooth
         scatter = float((log_sizes**2).sum())
-        variance = config.size_weight * config.size_std**2 + scatter
-        variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
+        size_variance = config.size_weight * config.size_std**2 + scatter
+        size_variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
         visible = size_visibility(poses[:, aligned.times <= aligned.end], config)
         # If a path returns towards its start, only the way out is used.
         distances = np.maximum.accumulate(np.abs(path))
@@ -121,7 +128,7 @@ class SimilarityModel:
             path=path,
             lateral_std=lateral_std,
             lag=lag,
-            log_sizes=math.sqrt(variance) * visible * _STEPS,
+            log_sizes=math.sqrt(size_variance) * visible * _STEPS,
             least_scale=1.0 / (count + 1),
             outward=np.hstack([start, out]),
         )
@@ -144,14 +151,6 @@ class SimilarityModel:
             angle=zero,
             angle_variance=zero + self.config.heading_std**2,
         )
-
-    def at(
-        self, phases: Times
-    ) -> tuple[Complex[np.ndarray, " M"], Float[np.ndarray, " M"]]:
-        """Return the mean path at phases, and σ over the distance to its start."""
-        path: np.ndarray = np.interp(phases, self.phases, self.path)
-        lateral_std = np.interp(phases, self.phases, self.lateral_std)
-        return path, lateral_std / np.maximum(np.abs(path), _NEAR)
 
     @property
     def rate(self) -> float:
@@ -236,28 +235,6 @@ class PathSimilarity:
         )
 
     @cached_property
-    def features(self) -> Float[np.ndarray, "9 K"]:
-        """Quantities of the likely sizes c that the estimate of the phase needs.
-
-        They are the logarithm of the weight, c, the variance of log c, cosine and sine
-        of the angle, and its variance; log c, and mean and variance of ψ.
-        """
-        sizes = self.posterior
-        return np.array(
-            [
-                np.log(np.maximum(sizes.weights, 1e-300)),
-                np.exp(sizes.log_sizes),
-                np.full(sizes.log_sizes.size, sizes.size_std**2),
-                np.cos(sizes.angle),
-                np.sin(sizes.angle),
-                sizes.angle_variance,
-                sizes.log_sizes,
-                sizes.mean[0],
-                sizes.covariance[0, 0],
-            ]
-        )
-
-    @cached_property
     def posterior(self) -> SizePosterior:
         """The likely sizes given the path, on a finer grid."""
         config, grid = self.model.config, self.model.log_sizes
@@ -296,18 +273,28 @@ class PathSimilarity:
         four = left + np.arange(4)[:, None]
         refined = np.add.reduce(curves[:, four] * cubic, axis=1)
         weights = np.exp(refined[0] - refined[0].max())
+        weights /= weights.sum()
+        angle, size_std = refined[2], _OVERLAP * float(sizes[1] - sizes[0])
+        angle_variance = np.maximum(refined[3], 0.0) + (_OVERLAP * gradient(angle)) ** 2
+        features = [
+            np.log(np.maximum(weights, 1e-300)),
+            np.exp(sizes),
+            np.full(sizes.size, size_std**2),
+            np.cos(angle),
+            np.sin(angle),
+            angle_variance,
+            sizes,
+            *refined[[4, 7]],
+        ]
         return SizePosterior(
             model=self.model,
             log_sizes=sizes,
-            weights=weights / weights.sum(),
+            weights=weights,
             phase=refined[1],
-            angle=refined[2],
-            angle_variance=np.maximum(refined[3], 0.0)
-            + (_OVERLAP * gradient(refined[2])) ** 2,
-            size_std=_OVERLAP * float(sizes[1] - sizes[0]),
             mean=refined[4:7],
             covariance=refined[7:].reshape(3, 3, -1),
             scale=np.add.reduce(scale[four] * cubic, axis=0),
+            features=np.array(features),
         )
 
 
@@ -321,16 +308,16 @@ class SizePosterior:
     weights: Likely
     """p(c | path)."""
     phase: Likely
-    """Phase of the last position; angle, mean and covariance as in `PathSimilarity`."""
-    angle: Likely
-    angle_variance: Likely
-    """Variance of the angle over the sizes that this one represents [rad²]."""
-    size_std: float
-    """Standard deviation of log c among the sizes that one size represents."""
+    """Phase of the last position; mean and covariance as in `PathSimilarity`."""
     mean: Float[np.ndarray, "3 K"]
     covariance: Float[np.ndarray, "3 3 K"]
     scale: Likely
     """Factor on the variance of f, estimated from the innovations."""
+    features: Float[np.ndarray, "9 K"]
+    """What the estimate of the phase needs: the logarithm of the weight, c, and the
+    variance of log c among the sizes that one represents; cosine and sine of the angle
+    of `PathSimilarity`, and its variance over these sizes; log c, and mean and variance
+    of ψ."""
 
     def forecast(
         self, phases: Times
@@ -342,8 +329,9 @@ class SizePosterior:
         """
         model, covariance = self.model, self.covariance
         turn, f, slope = self.mean
-        path, turning = model.at(phases)
-        turning = turning[:, None]
+        path: np.ndarray = np.interp(phases, model.phases, model.path)
+        lateral_std = np.interp(phases, model.phases, model.lateral_std)
+        turning = (lateral_std / np.maximum(np.abs(path), _NEAR))[:, None]
         # f at phases s from (f, df/ds) at the last phase: a f + b df/ds + remainder.
         step = phases[:, None] - self.phase
         apart = model.rate * np.abs(step)
@@ -437,16 +425,6 @@ def gradient(values: np.ndarray) -> np.ndarray:
     slopes[1:-1] = (values[2:] - values[:-2]) / 2.0
     slopes[0], slopes[-1] = values[1] - values[0], values[-1] - values[-2]
     return slopes
-
-
-def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Times:
-    """Return the standard deviation of a repetition, averaged along the task [m]."""
-    count, width = len(deviations), 2 * _SMOOTHING + 1
-    # Deviations from their own mean have one degree of freedom less.
-    variance = (deviations**2).sum(axis=0) * (1.0 + 1.0 / count) / (count - 1)
-    padded = np.pad(variance, _SMOOTHING, mode="edge")
-    smooth = np.convolve(padded, np.full(width, 1.0 / width), "valid")
-    return np.maximum(np.sqrt(smooth), least)
 
 
 def advance(

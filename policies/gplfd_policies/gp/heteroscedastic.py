@@ -65,14 +65,11 @@ class NoiseProfile:
 
     def log_variance(self, times: Times) -> Curve:
         """Its logarithm at ``times``."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        varying = self.level + self.basis.matrix(inside) @ self.coefficients
         with np.errstate(divide="ignore"):
             floor = np.log(self.floor)  # -inf for none
-        return np.asarray(np.logaddexp(self._varying(times), floor))
-
-    def _varying(self, times: Times) -> Curve:
-        """z(t) at ``times``."""
-        inside = np.clip(times, self.basis.start, self.basis.stop)
-        return np.asarray(self.level + self.basis.matrix(inside) @ self.coefficients)
+        return np.asarray(np.logaddexp(varying, floor))
 
     def variance(self, times: Times) -> Curve:
         """The noise variance r(t) at ``times``."""
@@ -81,8 +78,10 @@ class NoiseProfile:
     def log_variance_rate(self, times: Times) -> Curve:
         """Its logarithm's derivative; zero outside the demonstrated interval."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
-        slope = self.basis.matrix(inside) @ self.basis.differentiate(self.coefficients)
-        share = np.exp(self._varying(times) - self.log_variance(times))
+        matrix = self.basis.matrix(inside)
+        slope = matrix @ self.basis.differentiate(self.coefficients)
+        varying = self.level + matrix @ self.coefficients
+        share = np.exp(varying - self.log_variance(times))
         return np.where(inside == times, share * slope, 0.0)
 
 

@@ -287,7 +287,9 @@ class PathPhase:
             observed.append((far, *rotation, x / far, y / far, z / far))
             paths.append(path)
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.concatenate([path.features[:, None] for path in paths], axis=1)
+        similar = np.concatenate(
+            [path.posterior.features[:, None] for path in paths], axis=1
+        )
         similar = similar.reshape(9, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
@@ -313,7 +315,8 @@ class PathPhase:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 pose_features = features.reshape(7, -1)[:, index]
-                everywhere = self._cost(whole, pose_features, paths[index].features)
+                sizes = paths[index].posterior.features
+                everywhere = self._cost(whole, pose_features, sizes)
                 anywhere = self._nearest(*everywhere[:2], -1)
                 if anywhere[2] < self.settings.clearer_share * best[2]:
                     best, weights[index] = anywhere, everywhere[2]

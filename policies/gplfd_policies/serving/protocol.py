@@ -112,7 +112,7 @@ def observed(message: Mapping[str, Any], most_turned: float) -> Observed:
         if name == "ee_pose":
             limits[3:] = [Range(low=-most_turned, high=most_turned, unit="rad")] * 3
         for entry, limit in zip(entries, limits, strict=True):
-            if entry not in limit:
+            if not limit.low <= entry <= limit.high:
                 text = f"{name:.40} {entries!r:.80} is outside {limit}"
                 raise ProtocolError("range", text, seq)
         values[name] = np.array(entries, dtype=np.float64)

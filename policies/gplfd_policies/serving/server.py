@@ -21,7 +21,6 @@ from gplfd_policies.serving.protocol import (
     Journal,
     Message,
     ProtocolError,
-    decode,
     encode,
 )
 from gplfd_policies.serving.session import HEARTBEAT, Session
@@ -108,7 +107,7 @@ class Server:
         link.send()
         for line in lines:
             began = self._clock()
-            self._say(began, *handle(session, line, began))
+            self._say(began, *session.receive(line, began))
             if session.greeted:
                 self._heard = began
             if session.closed:
@@ -162,17 +161,6 @@ class Server:
             self._client.close()
         self._link = self._client = None
         return self._listener is not None
-
-
-def handle(
-    session: Session, line: bytes, now: float
-) -> tuple[bytes | str, list[Message]]:
-    """Return a line, as text if it is not a message, and the replies to it."""
-    try:
-        message = decode(line)
-    except ProtocolError as error:
-        return line.decode(errors="replace"), [*session.tick(now), error.reply]
-    return line, session.receive(message, now)
 
 
 def serve(

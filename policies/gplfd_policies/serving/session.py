@@ -22,6 +22,7 @@ from gplfd_policies.serving.protocol import (
     Message,
     Observed,
     ProtocolError,
+    decode,
     numbers,
     observed,
 )
@@ -45,6 +46,7 @@ class Session:
 
     def __init__(self, agent: Agent, settings: ServeSettings, address: str) -> None:
         self._agent, self._settings = agent, settings
+        self._control, self._dynamics = agent.control, agent.dynamics
         self.patience = settings.stop_after
         """Time of silence after which a client makes room for another [s]."""
         self._softest = np.repeat(settings.least_stiffness, 3)
@@ -52,7 +54,7 @@ class Session:
         self.greeting: Message = {
             "type": "hello",
             "protocol": VERSION,
-            "control": agent.control,
+            "control": self._control,
             "period": CONTROL_PERIOD,
             "source": settings.source,
             "frame": FRAME,
@@ -70,32 +72,36 @@ class Session:
         self.state: Literal["idle", "active", "holding", "stopped"] = "idle"
         self.reason = ""
         self.greeted = self.closed = self._explain = False
+        self._soft = False  # whether a stop has softened the arm
         self._spoke = self._commanded = now  # last message, last command
         self._most_turned = MOST_TURNED
 
     @property
     def due(self) -> float:
         """Time of the next message of `tick`, unless a message arrives before [s]."""
-        if self._commands_by_itself:
+        if self.state in ("holding", "stopped") and not self._soft:
             return self._commanded + CONTROL_PERIOD
         beat = self._spoke + HEARTBEAT if self.greeted else math.inf
         if self.state == "active":
             beat = min(beat, self._heard + self._settings.hold_after)
         return beat
 
-    @property
-    def _commands_by_itself(self) -> bool:
-        return self.state == "holding" or (self.state == "stopped" and not self._soft)
+    def receive(self, line: bytes, now: float) -> tuple[bytes | str, list[Message]]:
+        """Return a line that arrived now [s], and the replies to it.
 
-    def receive(self, message: Message, now: float) -> list[Message]:
-        """Return the replies to a decoded message that arrived now [s]."""
+        A line that is no message is returned as text; it is not heard from the client.
+        """
         replies = self.tick(now)  # it may have come too late
+        try:
+            message = decode(line)
+        except ProtocolError as error:
+            return line.decode(errors="replace"), [*replies, error.reply]
         try:
             replies.append(self._reply(message, now))
         except ProtocolError as error:
             replies.append(error.reply)
         self._spoke = now
-        return replies
+        return line, replies
 
     def tick(self, now: float) -> list[Message]:
         """Return unsolicited messages due now [s]: holding, softening, heartbeat.
@@ -113,7 +119,7 @@ class Session:
         if now < self.due:
             return []
         self._spoke = now
-        if self._commands_by_itself:
+        if self.state in ("holding", "stopped") and not self._soft:
             return [{**self._command(now), "unsolicited": True}]
         return [self._heartbeat()]
 
@@ -181,9 +187,9 @@ class Session:
         self._time = math.nextafter(observation.time, -math.inf)
         self._next = observation.time - _BURST * CONTROL_PERIOD
         self._fault_since = self._away_since = math.inf
-        self._pose = observation.pose
-        soft = self._agent.control == "impedance"
-        self._stiffness = self._softest if soft else DEFAULT_PROFILE.k_max
+        self._pose, self._soft = observation.pose, False
+        arm_yields = self._control == "impedance"
+        self._stiffness = self._softest if arm_yields else DEFAULT_PROFILE.k_max
         self._decided: Message = {}
 
     def _observe(self, observation: Observed, now: float) -> Message:
@@ -238,7 +244,7 @@ class Session:
             step = self._agent.act(observation.values)
             width = getattr(self._agent, "gripper_width", None)
             width = {} if width is None else {"gripper_width": float(width)}
-            command = step.command(self._agent.control)
+            command = step.command(self._control)
             finite = np.isfinite([*command, *width.values()]).all()
         except BaseException as error:  # whatever a user's agent raises
             self._stop(_failure(error), now)
@@ -279,7 +285,7 @@ class Session:
         self._pose, self._stiffness, acted = limited(
             self._settings, pose, stiffness, self._pose
         )
-        dynamics = self._agent.dynamics or DEFAULT_DYNAMICS
+        dynamics = self._dynamics or DEFAULT_DYNAMICS
         command = {
             "type": "command",
             "seq": self._seq,

@@ -38,7 +38,7 @@ def fig06(material: Material) -> tuple[Figure, str]:
     aligned = (skill := fit_skill(align(recorded))).aligned
     policy = skill.predict(aligned.times)
     colours = door_colours(radii)
-    figure = style.new_figure(style.PAGE, 3.9)
+    figure = Figure(figsize=(style.PAGE, 3.9), layout="constrained")
     rows = figure.subplots(3, 6, sharey="col", sharex="row")
     # Least and largest value drawn of each output, (6, 2).
     values = np.vstack([*policy.interval(), *(motion.poses for motion in recorded)])
@@ -121,7 +121,7 @@ def fig07(material: Material) -> tuple[Figure, str]:
     skill = fit_skill(align(recorded))
     policy = skill.predict(np.linspace(0.0, 1.0, 201))
     angle = float(np.mean([motion.poses[-1, 4] for motion in recorded]))
-    figure = style.new_figure(style.COLUMN, 2.85)
+    figure = Figure(figsize=(style.COLUMN, 2.85), layout="constrained")
     axes = figure.subplots()
     # The wide region has the quantiles for few demonstrations, the narrow one for many.
     normal = dataclasses.replace(policy, degrees_of_freedom=None)

@@ -46,8 +46,7 @@ class Prediction:
 
     mean: FloatArray
     std: FloatArray
-    width: FloatArray
-    """Half of the 95 % interval over ``std``, (T,)."""
+    width: FloatArray  # Half of the 95 % interval over ``std``, (T,).
 
     def interval(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds, (T, 6)."""
@@ -60,11 +59,9 @@ class Opening:
     """The opening of one door and predictions in it, with and without via-points."""
 
     log: EpisodeLog
-    motion: slice
-    """Rows of the log in which the door moves."""
+    motion: slice  # Rows of the log in which the door moves.
     initial: GaussianTrajectory
-    stages: tuple[GaussianTrajectory, ...]
-    """The policy as adapted at each stage."""
+    stages: tuple[GaussianTrajectory, ...]  # The policy as adapted at each stage.
     adaptive: Prediction
     fixed: Prediction
 
@@ -110,7 +107,7 @@ def fig09(material: Material) -> tuple[Figure, str]:
     agent = make_agent("gp", material.demonstrations.demonstrations)
     openings = [reviewed(material.episodes[door], agent, _STAGES) for door in DOORS]
     example = openings[DOORS.index(SHOWN)]
-    figure = style.new_figure(style.PAGE, 4.9)
+    figure = Figure(figsize=(style.PAGE, 4.9), layout="constrained")
     rows = figure.subplots(3, 4, sharey="row")
     draw_opening(rows[:2], example)
     ratios = []
@@ -181,7 +178,7 @@ def draw_opening(rows: NDArray[np.object_], opening: Opening) -> None:
             (opening.adaptive, style.ADAPTED, "-"),
         ):
             low, high = (bound[order, output] for bound in prediction.interval())
-            style.band(row[3], phases, low, high, colour)
+            row[3].fill_between(phases, low, high, color=colour, **style.BAND)
             mean = prediction.mean[order, output]
             row[3].plot(phases, mean, color=colour, linestyle=line)
         truth = phases, log.opening.handle_pose[order, output]
@@ -266,7 +263,7 @@ def fig10(material: Material) -> tuple[Figure, str]:
     if not isinstance(agent, CompliantAgent):
         raise TypeError(f"{POLICY} has no stiffness law: {agent!r}")
     profile = agent.config.profile
-    figure = style.new_figure(style.PAGE, 4.7)
+    figure = Figure(figsize=(style.PAGE, 4.7), layout="constrained")
     panels = figure.subplots(3, len(STIFFNESS_DOORS), sharex="col", sharey="row")
     numbers, titles = [], []
     for column, door in zip(panels.T, STIFFNESS_DOORS, strict=True):

@@ -1,8 +1,8 @@
 """Input and style of the figures: sizes, colours on white paper, file output."""
 
 from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any, Final
@@ -14,15 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.movement import GaussianTrajectory
 
-COLUMN: Final = 3.5
-"""Width of a journal's column [inch]."""
-PAGE: Final = 7.16
-"""Width of a journal's page of two columns [inch]."""
+COLUMN: Final = 3.5  # Width of a journal's column [inch].
+PAGE: Final = 7.16  # Width of a journal's page of two columns [inch].
 
 POLICY: Final = "gp"
 """Policy whose episodes figures show; other policies get the same observations."""
@@ -37,7 +34,7 @@ class Material:
     episodes: Mapping[str, EpisodeLog]
 
 
-_STYLE: Final[Mapping[str, Any]] = {
+_STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.0,
     "mathtext.fontset": "dejavusans",
@@ -61,6 +58,8 @@ _STYLE: Final[Mapping[str, Any]] = {
     "svg.hashsalt": "gplfd",
 }
 
+paper_style: Final = partial(matplotlib.style.context, _STYLE, after_reset=True)
+"""Makes a context for drawing and writing that ignores the user's matplotlibrc."""
 
 # The hues of `gplfd_experiments.recording.colours`, darker for white paper. Colours in
 # the same panel differ in luminance, not only in hue.
@@ -76,16 +75,8 @@ SEEN: Final = "#e3f1fb"
 """Background of the observed part."""
 DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
 """Doors from the smallest to the largest: darker is wider."""
-
-
-def paper_style() -> AbstractContextManager[None]:
-    """Return a context for drawing and writing that ignores the user's matplotlibrc."""
-    return matplotlib.style.context(dict(_STYLE), after_reset=True)
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure of a size in inches with automatic layout, without a window."""
-    return Figure(figsize=(width, height), layout="constrained")
+BAND: Final[Mapping[str, Any]] = {"alpha": 0.22, "linewidth": 0}
+"""Look of a shaded interval."""
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> None:
@@ -112,18 +103,6 @@ def note(axes: Axes, x: float, text: str, **look: Any) -> None:
     axes.text(x, 0.98, text, transform=axes.transAxes, va="top", **look)
 
 
-def band(
-    axes: Axes,
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    colour: str,
-    label: str | None = None,
-) -> None:
-    """Shade an interval over x; all arrays have one size."""
-    axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0, label=label)
-
-
 def mean_and_interval(
     axes: Axes,
     policy: GaussianTrajectory,
@@ -134,8 +113,9 @@ def mean_and_interval(
     **line: Any,
 ) -> None:
     """Draw an output's mean over phase on its shaded 95 % interval."""
-    low, high = policy.interval()
-    band(axes, policy.times, low[:, output], high[:, output], colour, band_label)
+    low, high = (bound[:, output] for bound in policy.interval())
+    look: Any = {"color": colour, "label": band_label, **BAND}
+    axes.fill_between(policy.times, low, high, **look)
     axes.plot(policy.times, policy.mean[:, output], color=colour, **line)
 
 

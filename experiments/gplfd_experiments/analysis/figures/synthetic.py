@@ -30,10 +30,8 @@ from gplfd_policies.gp.heteroscedastic import NoiseModel, NoiseProfile
 from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import fit_skill
 
-HEIGHT: Final = 1
-"""Output in figures of one dimension: y, upwards."""
-PHASES: Final = np.linspace(0.0, 1.0, 201)
-"""Phases of `constrained_set`, (201,)."""
+HEIGHT: Final = 1  # Output in figures of one dimension: y, upwards.
+PHASES: Final = np.linspace(0.0, 1.0, 201)  # Phases of `constrained_set`, (201,).
 _CORRELATION: Final = 0.25  # Correlation length of a repetition's deviation, in phase.
 
 
@@ -49,8 +47,7 @@ def true_height(phases: FloatArray) -> FloatArray:
 
 def deviations(count: int, rng: np.random.Generator) -> FloatArray:
     """Draw deviations of repetitions from the mean [m or rad], (``count``, 201)."""
-    unit = smooth_functions(PHASES, _CORRELATION, count, rng)
-    return true_spread(PHASES) * unit.T
+    return true_spread(PHASES) * smooth_functions(PHASES, _CORRELATION, count, rng).T
 
 
 def constrained_set(count: int, rng: np.random.Generator) -> AlignedDemonstrations:
@@ -127,7 +124,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
     }
     low, high = (100.0 * bound for bound in expected_coverage(error_rng))
 
-    figure = style.new_figure(style.PAGE, 3.6)
+    figure = Figure(figsize=(style.PAGE, 3.6), layout="constrained")
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
     for panel, name in {"a": "low", "b": "high", "c": "local"}.items():
         curves = sets[0].poses[:, :, HEIGHT].T
@@ -140,8 +137,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
     axes["a"].set_ylabel("height [m]")
     axes["a"].legend(loc="lower center")
     spread = 1e3 * policies["local"][0].std[:, HEIGHT]
-    true = 1e3 * true_spread(PHASES)
-    axes["d"].plot(PHASES, true, color=style.TRUTH, linestyle="--")
+    axes["d"].plot(PHASES, 1e3 * true_spread(PHASES), color=style.TRUTH, linestyle="--")
     axes["d"].plot(PHASES, spread, color=style.ADAPTED)
     axes["d"].set(ylabel="standard deviation [mm]", ylim=(0.0, None))
     axes["d"].legend(["true spread", "heteroscedastic GP"], loc="lower center")
@@ -180,8 +176,7 @@ def fig02(material: Material) -> tuple[Figure, str]:
 
 # --- Fig. 3, Section III-C: time distortion, and alignment by two measures ------------
 
-LEVELS: Final = (0.12, 0.45)
-"""Heights of the shelves [m]."""
+LEVELS: Final = (0.12, 0.45)  # Heights of the shelves [m].
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
 _PER_LEVEL, _RATE = 3, 60.0  # Motions per shelf, and their sampling rate [Hz].
 _METHODS: Final[Mapping[str, alignment.AlignmentMethod]] = {
@@ -195,11 +190,9 @@ _METHODS: Final[Mapping[str, alignment.AlignmentMethod]] = {
 class ShelfMotion:
     """One placing of an object on a shelf."""
 
-    level: float
-    """Height of the shelf [m]."""
+    level: float  # Height of the shelf [m].
     demonstration: Demonstration
-    progress: FloatArray
-    """True progress in the task at each sample, (N,), 0 to 1."""
+    progress: FloatArray  # True progress in the task at each sample, (N,), 0 to 1.
 
 
 def shelf_motions(rng: np.random.Generator) -> list[ShelfMotion]:
@@ -227,8 +220,7 @@ def phase_errors(
     progress: dict[str, list[FloatArray]] = {"clock": []}
     for motion in motions:
         times = motion.demonstration.times
-        scaled = np.interp(phases, times / times[-1], motion.progress)
-        progress["clock"].append(scaled)
+        progress["clock"].append(np.interp(phases, times / times[-1], motion.progress))
     for name, demonstrations in aligned.items():
         progress[name] = []
         for motion, poses in zip(motions, demonstrations.poses, strict=True):
@@ -254,7 +246,7 @@ def fig03(material: Material) -> tuple[Figure, str]:
     }
     error = {n: 100.0 * value for n, value in phase_errors(motions, aligned).items()}
 
-    figure = style.new_figure(style.COLUMN, 3.4)
+    figure = Figure(figsize=(style.COLUMN, 3.4), layout="constrained")
     (recorded, euclidean), (completed, index) = figure.subplots(2, 2)
     for motion in motions:
         colour, demonstration = _COLOURS[motion.level], motion.demonstration
@@ -331,7 +323,7 @@ def fig04(material: Material) -> tuple[Figure, str]:
     demonstrations = constrained_set(10, np.random.default_rng(material.seed))
     via_points, policies = via_point_policies(demonstrations)
     before = policies["demonstrated"]
-    figure = style.new_figure(style.PAGE, 2.1)
+    figure = Figure(figsize=(style.PAGE, 2.1), layout="constrained")
     panels = figure.subplots(1, 4, sharex=True, sharey=True)
     titles = {
         "demonstrated": "demonstrated",

@@ -24,8 +24,7 @@ from gplfd_policies.registry.catalogue import policy_named, split_name
 TOLD: Final = "told the door"
 """Kind of a policy that knows the door: it is listed, but never the reference."""
 
-FIGURES: Final = "figures"
-"""Folder of the plots, beside the Markdown."""
+FIGURES: Final = "figures"  # Folder of the plots, beside the Markdown.
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +39,7 @@ class Text:
 class Plot:
     """A plot, drawn with `figures.style.paper_style` when the page is written."""
 
-    name: str
-    """Name of its files, without suffix."""
+    name: str  # Name of its files, without suffix.
     draw: Callable[[], Figure]
     caption: str
     alternative: str
@@ -52,17 +50,13 @@ Block = Text | Table | Plot
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A question under a heading, answered by tables and plots.
-
-    A page is a sequence of sections; the first has the page's title, without marks.
-    """
+    """A question under a heading, answered by tables and plots; first, the page's."""
 
     title: str
     blocks: Sequence[Block]
 
 
-Cells = Sequence[tuple[str, str]]
-"""Headings and cells of a row."""
+Cells = Sequence[tuple[str, str]]  # Headings and cells of a row.
 
 
 def code(text: object) -> str:
@@ -121,13 +115,15 @@ _MARK: Final = re.compile(r"\\(?P<plain>.)|`(?P<code>[^`]*)`|(?P<bold>\*\*)")
 def inline(text: str) -> Markup:
     """Return a text of a document as HTML; everything except its marks is escaped."""
     bold = itertools.cycle(("<b>", "</b>"))
-
-    def element(mark: re.Match[str]) -> str:
-        if mark["bold"]:
-            return next(bold)
-        return mark["plain"] or f"<code>{mark['code']}</code>"
-
-    return Markup(_MARK.sub(element, str(escape(text))))
+    html = _MARK.sub(
+        lambda mark: (
+            next(bold)
+            if mark["bold"]
+            else mark["plain"] or f"<code>{mark['code']}</code>"
+        ),
+        str(escape(text)),
+    )
+    return Markup(html)
 
 
 _TEMPLATES: Final = Environment(

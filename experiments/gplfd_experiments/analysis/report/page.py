@@ -28,11 +28,10 @@ _RECORDED: Final = (
 def write_report(
     results: StudyResults, study: Path, out: Path | None = None, reference: str = "gp"
 ) -> Path:
-    """Write report.html, report.md, figures/ and, for trials, trials.json.
+    """Write report.html, whose path is returned, report.md, figures/ and trials.json.
 
     They are written to ``out``, by default the study's folder. Policies are compared
     with the reference, or with the best policy if the study lacks the reference.
-    Returns the path of the HTML page.
     """
     folder = study if out is None else out
     page, plots = report(results, reference), folder / document.FIGURES
@@ -43,8 +42,7 @@ def write_report(
                 write_figure(plot.draw(), plots, plot.name)
             images[plot.name] = (plots / f"{plot.name}.svg").read_bytes()
     html = document.html_page(page, images)
-    pages = {MARKDOWN: document.markdown_page(page), HTML: html}
-    for name, text in pages.items():
+    for name, text in {MARKDOWN: document.markdown_page(page), HTML: html}.items():
         with complete_or_absent(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     if trials.of_trials(results):
@@ -174,7 +172,7 @@ def _origin(results: StudyResults) -> list[Block]:
     if machines > 1:
         text = (
             f"These results were made on {machines} kinds of machine: they are equal "
-            "only up to a tolerance, see `docs/reproducibility.md`."
+            "only up to a tolerance, see `docs/reference.md`."
         )
         blocks.append(Text(text))
     named: dict[str, list[tuple[str, object]]] = {}

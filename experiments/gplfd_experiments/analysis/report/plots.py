@@ -1,8 +1,9 @@
 """Plots of a report: a panel per policy on common axes, rows of dots, trials."""
 
+import contextlib
 import math
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, Final, Literal
 
@@ -24,8 +25,7 @@ from gplfd_experiments.analysis.results.statistics import Estimate, Shift, succe
 from gplfd_experiments.analysis.results.trials import MEASURES, Answer, Verdict
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 
-Look = Mapping[str, Any]
-"""Keyword arguments of an artist."""
+Look = Mapping[str, Any]  # Keyword arguments of an artist.
 Panels = dict[str, tuple[Axes, str, list[tuple[float, float]]]]
 """Axes, colour and points of the curve of each policy."""
 
@@ -55,13 +55,19 @@ _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
 }
 
 
+@contextlib.contextmanager
 def policy_panels(
-    runs: Mapping[str, Sequence[Any]], reference: str, labels: tuple[str, str]
-) -> tuple[Figure, Panels]:
-    """Return a figure with a panel per policy on common axes, labelled x and y."""
+    runs: Runs, reference: str, labels: tuple[str, str], without: str = ""
+) -> Iterator[tuple[Figure, Panels]]:
+    """Make a figure with a panel per policy on common axes, labelled x and y.
+
+    In the end each curve is drawn, with that of the reference pale behind it, or the
+    text ``without`` in a panel without a curve.
+    """
     n_rows = -(-len(runs) // _MOST)
     columns = max(_FEWEST, -(-len(runs) // n_rows))
-    figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + 0.55)
+    size = style.PAGE, _PANEL_ROW * n_rows + 0.55
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
@@ -74,14 +80,7 @@ def policy_panels(
         panels[policy] = axes, tint, []
     figure.supxlabel(labels[0], fontsize=7.0)
     figure.supylabel(labels[1], fontsize=7.0)
-    return figure, panels
-
-
-def draw_curves(panels: Panels, reference: str, without: str = "") -> None:
-    """Draw each panel's curve, with that of the reference pale behind it.
-
-    ``without`` is the text in a panel without a curve.
-    """
+    yield figure, panels
     faint = panels[reference][2] if reference in panels else []
     for policy, (axes, tint, points) in panels.items():
         if faint and policy != reference:
@@ -97,56 +96,55 @@ def draw_curves(panels: Panels, reference: str, without: str = "") -> None:
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
     labels = "radius [m]", "opened to 60°"
-    figure, panels = policy_panels(runs, reference, labels)
-    for policy, (axes, tint, points) in panels.items():
-        doors = _doors(axes, runs, policy)
-        axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
-        for radius, here in doors:
-            rate = success_rate((e.task.seed, e.opened()) for e in here)
-            points.append((radius, rate.estimate))
-            axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-    draw_curves(panels, reference)
+    with policy_panels(runs, reference, labels) as (figure, panels):
+        for policy, (axes, tint, points) in panels.items():
+            doors = _doors(axes, runs, policy)
+            axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
+            for radius, here in doors:
+                rate = success_rate((e.task.seed, e.opened()) for e in here)
+                points.append((radius, rate.estimate))
+                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
     return figure
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: dots and median."""
     labels = "radius [m]", "peak radial force [N]"
-    figure, panels = policy_panels(runs, reference, labels)
-    for policy, (axes, tint, points) in panels.items():
-        doors = _doors(axes, runs, policy)
-        axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
-        log_scale(axes, "y")
-        for radius, here in doors:
-            if forces := EPISODE_MEASURES["force_radial_peak"].values(here):
-                radii = [radius] * len(forces)
-                axes.plot(radii, forces, marker="o", ms=1.8, color=tint, **_DOTS)
-                points.append((radius, statistics.median(forces)))
-    draw_curves(panels, reference, "none opened")
+    with policy_panels(runs, reference, labels, "none opened") as (figure, panels):
+        for policy, (axes, tint, points) in panels.items():
+            doors = _doors(axes, runs, policy)
+            axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
+            log_scale(axes, "y")
+            for radius, here in doors:
+                if forces := EPISODE_MEASURES["force_radial_peak"].values(here):
+                    radii = [radius] * len(forces)
+                    axes.plot(radii, forces, marker="o", ms=1.8, color=tint, **_DOTS)
+                    points.append((radius, statistics.median(forces)))
     return figure
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the forecast error of the rest over progress: median and middle half."""
     labels = "door angle / final angle", "error [mm]"
-    figure, panels = policy_panels(runs, reference, labels)
-    for policy, (axes, tint, points) in panels.items():
-        axes.set_xlim(0.0, 1.0)
-        axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-        log_scale(axes, "y")
-        errors: dict[float, list[float]] = {}
-        for metrics in (episode.metrics for episode in runs[policy]):
-            series = metrics["forecast_progress"], metrics["forecast_error_mm"]
-            for progress, error in zip(*series, strict=True):
-                if error is not None:
-                    errors.setdefault(progress, []).append(error)
-        if errors:
-            steps = sorted(errors)
-            quartiles = [np.percentile(errors[step], (25, 50, 75)) for step in steps]
-            low, middle, high = np.transpose(quartiles)
-            style.band(axes, np.array(steps), low, high, tint)
-            points.extend(zip(steps, middle, strict=True))
-    draw_curves(panels, reference, "no forecast")
+    with policy_panels(runs, reference, labels, "no forecast") as (figure, panels):
+        for policy, (axes, tint, points) in panels.items():
+            axes.set_xlim(0.0, 1.0)
+            axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+            log_scale(axes, "y")
+            errors: dict[float, list[float]] = {}
+            for metrics in (episode.metrics for episode in runs[policy]):
+                series = metrics["forecast_progress"], metrics["forecast_error_mm"]
+                for progress, error in zip(*series, strict=True):
+                    if error is not None:
+                        errors.setdefault(progress, []).append(error)
+            if errors:
+                steps = sorted(errors)
+                quartiles = [
+                    np.percentile(errors[step], (25, 50, 75)) for step in steps
+                ]
+                low, middle, high = np.transpose(quartiles)
+                axes.fill_between(steps, low, high, color=tint, **style.BAND)
+                points.extend(zip(steps, middle, strict=True))
     return figure
 
 
@@ -258,7 +256,7 @@ def _stacked(
     """Return panels below each other, with a named row on a fine line for each name."""
     rows = [*map(len, names)]
     height = _TRIAL_ROW * sum(rows) + 0.45 * (len(rows) + 1)
-    figure = style.new_figure(style.PAGE, height)
+    figure = Figure(figsize=(style.PAGE, height), layout="constrained")
     options: dict[str, Any] = {"squeeze": False, "height_ratios": rows}
     panels = figure.subplots(len(rows), 1, sharex=shared, **options)[:, 0]
     for axes, labels in zip(panels, names, strict=True):

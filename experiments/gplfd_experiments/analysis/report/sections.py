@@ -113,8 +113,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
         rows = measures.study_rows(e for group in ran.values() for e in group)
         heading = f"Door by door: {name}" if several else "Door by door"
         note = "Times, forces and slip: medians over the doors opened and held."
-        table = replace(measures.study_table(rows), title=heading, note=note)
-        blocks.append(table)
+        blocks.append(replace(measures.study_table(rows), title=heading, note=note))
     return Section("Doors opened", blocks)
 
 
@@ -340,8 +339,7 @@ def trial_section(name: str, levels: ByLevel, reference: str) -> Section:
 def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
     """Return a trial's episodes by level and policy, the best by its measures first.
 
-    Policies without a number come last, and so do those that opened no door, because
-    their small forces are not comparable.
+    Policies without a number, or without an opened door, come last.
     """
     ordered_levels: dict[str, Runs] = {}
     for level in (level for level in trial.levels if level in levels):
@@ -361,10 +359,7 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
 
 
 def track_tables(results: reading.StudyResults) -> list[Block]:
-    """Return a table per track: shares of successes, and radial forces.
-
-    Of policies in all its levels, but those with a prior mean, which not all accept.
-    """
+    """Return a table per track: successes and forces of policies in all its levels."""
     blocks: list[Block] = []
     for track, of in protocol.TRACKS.items():
         names = of.trials
@@ -486,8 +481,7 @@ def table_one_section(tests: Results) -> Section:
         rows = []
         for row, criterion in CRITERIA.items():
             limit = criterion.limits[0]
-            bounded = limit.high < math.inf
-            bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
+            bound = f"≤ {limit.high:g}" if limit.high < math.inf else f"≥ {limit.low:g}"
             cells = {"": f"{row}\n{limit.symbol} {bound}"}
             for policy, metrics in measured.items():
                 earned, published = mark(criterion, metrics), policy in criterion.paper

@@ -21,7 +21,7 @@ class Import(ImportSettings):
     bags (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets
     of `gplfd demos record`. SET contains demonstrations.npz, a report, a picture of the
     motions before and after the preparation, and the origin of the data. Lines of the
-    report with ! need attention. See docs/recordings.md.
+    report with ! need attention. See docs/your-data.md.
     """
 
     files: Annotated[

@@ -39,11 +39,17 @@ class Doctor:
 
     def execute(self) -> int:
         """Check the installation and print the results."""
-        from gplfd_experiments.cli.doctor import examined, sections
+        from gplfd_experiments.cli.doctor import examined
         from gplfd_experiments.files.plain_data import json_text
 
         results = examined()
-        print(json_text(results) if self.json else _text(sections(results)))
+        if self.json:
+            print(json_text(results))
+            return 0
+        for name, part in results["parts"].items():
+            present = "yes  " if part["present"] else "NO   "
+            results["parts"][name] = f"{present}{part['purpose']}: {part['remark']}"
+        print(_text(results))
         return 0
 
 

@@ -37,7 +37,7 @@ class Teach(PageOptions):
     Motion and forces are recorded and pauses are cut. The demonstration is played back
     before you keep, repeat or discard it. SET can be given to `gplfd learn` and `gplfd
     run --demonstrations`. Each kept demonstration is saved at once; the same command
-    adds more. See docs/teaching.md.
+    adds more. See docs/your-data.md.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="SET")]
@@ -68,7 +68,7 @@ class Correct(PageOptions):
     A synthetic corrector watches the skill open doors, one after the other. If the
     command leaves the handle's path or the door stalls, it leads the hand.
     With --device you lead the hand, in a web page of this machine. The skill stores the
-    motion and learns from it. See docs/corrections.md.
+    motion and learns from it. See docs/your-data.md.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz")]

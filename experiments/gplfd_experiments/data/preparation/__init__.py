@@ -27,37 +27,26 @@ _MOST_MADE: Final = 20  # Or this multiple of the recorded samples, if that is m
 _COMPARED: Final = 100  # Number of samples for comparing motions.
 _SAME: Final = np.repeat([1e-4, 1e-3], 3)  # Copies differ by less at each [m, rad].
 
-__all__ = ["ImportSettings", "PreparedMotion", "prepare"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PreparedMotion:
     """One repetition, prepared for learning."""
 
-    name: str
-    """Its origin."""
-    demonstration: Demonstration
-    """The motion in the wanted frame."""
+    name: str  # Its origin.
+    demonstration: Demonstration  # The motion in the wanted frame.
     signals: Mapping[str, FloatArray]
     """Recorded signals other than poses and wrenches, at the same times, (N, d)."""
-    radius: float | None
-    """Radius of the estimated hinge [m]."""
-    circle: float | None
-    """Radius of the circle on which it moves as with a door [m]."""
+    radius: float | None  # Radius of the estimated hinge [m].
+    circle: float | None  # Radius of the circle on which it moves as with a door [m].
     recorded: Samples
     """The recorded motion, changed only by its unit and missing samples."""
-    notes: Notes
-    """Changes and findings."""
+    notes: Notes  # Changes and findings.
 
 
 def prepare(
     recordings: Sequence[RawRecording], settings: ImportSettings
 ) -> tuple[PreparedMotion, ...]:
-    """Make demonstrations from motions, each with notes on changes and findings.
-
-    Raises:
-        ValueError: A motion cannot be used; the message names it and says why.
-    """
+    """Make demonstrations from motions, with notes; ValueError names one that fails."""
     complete = map(steps.without_fillers, recordings)
     parts = [steps.of_one_clock(raw, settings) for raw in complete]
     recordings = list(itertools.chain(*parts))

@@ -45,25 +45,16 @@ _SHARE_TURNED, _IN_TIME = (0.65, 1.2), 0.12
 class Hinge(NamedTuple):
     """A circle in space, fitted to the path of a hand."""
 
-    centre: FloatArray
-    """Point of the axis in the plane of the motion [m], (3,)."""
+    centre: FloatArray  # Point of the axis in the plane of the motion [m], (3,).
     axis: FloatArray
     """Direction of the axis; the motion has positive angles about it, (3,)."""
-    radius: float
-    """Distance of the hand from the axis [m]."""
-    angles: FloatArray
-    """Opening angle of each sample, from 0 [rad], (N,)."""
-    residual: float
-    """Distance of the motion from the circle, root mean square [m]."""
+    radius: float  # Distance of the hand from the axis [m].
+    angles: FloatArray  # Opening angle of each sample, from 0 [rad], (N,).
+    residual: float  # Distance of the motion from the circle, root mean square [m].
 
 
 def find_hinge(positions: FloatArray) -> Hinge:
-    """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
-
-    Raises:
-        ValueError: There are fewer than three samples, the arc is too short, or the
-            motion is not circular.
-    """
+    """Fit a circle to positions of a hand [m], (N, 3); ValueError if there is none."""
     problem = "it has fewer than three samples"
     if len(positions) >= 3:
         hinge = _fitted(positions)
@@ -128,10 +119,10 @@ def radius_of_door(poses: FloatArray) -> float | None:
 
 
 def on_circle(samples: Samples) -> Samples:
-    """Return the part of a motion that is on the circle of a hinge, without reach.
+    """Return the longest part that is on the circle of a hinge, without reach.
 
-    It is the longest part that fits many times better than the whole: by its distance
-    from a circle and the rotation of the hand with the angle, or by the distance alone.
+    It fits many times better than the whole: by its distance from a circle and the
+    rotation of the hand with the angle, or by the distance alone.
     """
     positions, rotations = samples.positions, samples.rotations
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
@@ -160,10 +151,7 @@ def on_circle(samples: Samples) -> Samples:
 
 
 def doubtful_rotation(poses: FloatArray, reading: str = "") -> str | None:
-    """Return a warning if orientations on a circle do not turn with the hinge.
-
-    Quaternions would fit better in the other order; others are named as read.
-    """
+    """Return a warning if orientations, as read, do not turn with their hinge."""
     hinge = door_hinge(poses[:, :3])
     if hinge is None:
         return None
@@ -212,10 +200,7 @@ def offset_by(samples: Samples, offset: PoseNumbers | None) -> Samples:
 def in_frame(
     samples: Samples, frame: str | PoseNumbers, notes: Notes
 ) -> tuple[Samples, float | None]:
-    """Return a motion in an `ImportSettings.frame`, and the radius of its hinge [m].
-
-    Forces and moments have the axes of that frame.
-    """
+    """Return a motion and its wrenches in a frame, and the radius of its hinge [m]."""
     if frame == "recorded":
         return samples, None
     positions, rotations = samples.positions, samples.rotations

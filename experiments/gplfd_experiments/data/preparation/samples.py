@@ -49,8 +49,7 @@ class Note(NamedTuple):
     """Text about a change or finding of a preparation step."""
 
     text: str
-    warning: bool = False
-    """Whether it needs attention."""
+    warning: bool = False  # Whether it needs attention.
 
 
 class Notes(list[Note]):
@@ -69,16 +68,14 @@ class Notes(list[Note]):
 class Samples:
     """A motion between two steps of the preparation."""
 
-    times: FloatArray
-    """Time since the first usable sample [s], (N,)."""
+    times: FloatArray  # Time since the first usable sample [s], (N,).
     poses: FloatArray
     """Positions [m] and unit quaternions, the scalar first, continuous in sign, (N, 7);
     the identity where a motion has no orientations."""
     wrenches: FloatArray | None
     """Forces and moments [N, N m], (N, 6), not finite if missing; or none. First as
     recorded, then as in a `Demonstration`."""
-    signals: Mapping[str, FloatArray]
-    """Other recorded signals, (N, d) each."""
+    signals: Mapping[str, FloatArray]  # Other recorded signals, (N, d) each.
 
     def __getitem__(self, kept: Any) -> "Samples":
         """Return some of the samples, as NumPy indexes."""
@@ -157,12 +154,7 @@ def without_fillers(raw: RawRecording) -> RawRecording:
 
 
 def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples:
-    """Return the usable samples of a motion, in metres and in order of time.
-
-    Raises:
-        ValueError: It has no time stamps and no rate is given, too few samples are
-            usable, or the quaternions are invalid.
-    """
+    """Return the usable samples of a motion, in metres and in order of time."""
     for text in raw.notes:
         notes.warn(text)
     if raw.reading:
@@ -272,10 +264,7 @@ def _in_order(samples: Samples, notes: Notes) -> Samples:
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:
-    """Remove samples between two jumps of the tracker, and warn about single jumps.
-
-    A jump is a step far longer than usual and faster than a hand.
-    """
+    """Remove samples between two jumps of a tracker, and warn about single jumps."""
     steps = np.diff(samples.times)
     lengths = np.linalg.norm(np.diff(samples.positions, axis=0), axis=1)
     # The angle between two unit quaternions from the chord between them.
@@ -383,15 +372,11 @@ def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
         notes.warn(f"forces left out: there are none {where}")
         return replace(samples, wrenches=None)
     notes.add(f"forces of {np.count_nonzero(~felt)} samples interpolated")
-    filled = interpolated(times, times[felt], wrenches[felt])
-    return replace(samples, wrenches=filled)
+    return replace(samples, wrenches=interpolated(times, times[felt], wrenches[felt]))
 
 
 def filtered(samples: Samples, cutoff: float, notes: Notes) -> Samples:
-    """Filter poses, wrenches and signals at equal steps, forwards and backwards.
-
-    The cut-off is the frequency whose amplitude is halved [Hz]; 0 for no filter.
-    """
+    """Filter forwards and backwards; the cut-off [Hz] halves amplitudes, 0 is none."""
     if cutoff == 0.0:
         return samples
     rate = 1.0 / samples.step

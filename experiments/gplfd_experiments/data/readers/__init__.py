@@ -1,7 +1,6 @@
-"""Readers of motion files, which run in a child process.
+"""Readers of motion files, which run in a child process that a forged file may crash.
 
-The function of a kind of file, ``(path, settings)``, returns its motions or raises any
-exception. A damaged or forged file can crash the child alone.
+Each, ``(path, settings)``, returns motions or raises any exception.
 """
 
 import os
@@ -23,26 +22,20 @@ try:
 except ImportError:  # Windows, where only the time is limited.
     resource = None  # type: ignore[assignment]
 
-__all__ = ["ImportSettings", "read_files"]
-
 _LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (10**6, 1.0), (5.0, 5e-6))
 """Memory of the child [bytes], written bytes, for example of a decompressed bag,
 samples, and processor time [s]: for any file, and in addition per byte of a file."""
-_WAITING: Final = 2.5
-"""Longest time for a file, as a multiple of its processor time."""
+_WAITING: Final = 2.5  # Longest time for a file, as a multiple of its processor time.
 _THREADS: Final = ("OPENBLAS", "OMP", "MKL")  # Libraries that would start some.
 
 
 class Reader(NamedTuple):
     """How one kind of file is read."""
 
-    summary: str
-    """Name in a message."""
+    summary: str  # Name in a message.
     read: Callable[[Path, ImportSettings], list[RawRecording]]
-    suffixes: tuple[str, ...] = ()
-    """Suffixes of such files; none for folders."""
-    marks: tuple[str, ...] = ()
-    """A folder of this kind contains one of these."""
+    suffixes: tuple[str, ...] = ()  # Suffixes of such files; none for folders.
+    marks: tuple[str, ...] = ()  # A folder of this kind contains one of these.
 
 
 READERS: Final = (
@@ -74,8 +67,7 @@ _OPTIONS: Final[Mapping[Any, tuple[str, ...]]] = {
 
 def reader_of(path: Path) -> Reader:
     """Return the reader of a file or folder, by its suffix or by what it contains."""
-    folder = path.is_dir()
-    suffix = "" if folder else regular_file(path, "a recording").suffix.lower()
+    suffix = "" if path.is_dir() else regular_file(path, "a recording").suffix.lower()
     for reader in READERS:
         if suffix in reader.suffixes or any((path / m).is_file() for m in reader.marks):
             return reader
@@ -118,11 +110,8 @@ def read_files(
 ) -> Iterator[list[RawRecording]]:
     """Yield all motions in each file or folder, whose name determines its kind.
 
-    Raises:
-        OSError: There is no such file, or it cannot be read.
-        ModuleNotFoundError: Its reader needs a library that is not installed.
-        ValueError: It is damaged, of unknown kind, too large, or lacks the selected
-            item. The message names file, line or field, and says what to do.
+    Raises OSError for files that cannot be read, ModuleNotFoundError for libraries, and
+    ValueError for damage, unknown kinds and missing items, naming file, line or field.
     """
     from joblib.externals.loky import ProcessPoolExecutor
 

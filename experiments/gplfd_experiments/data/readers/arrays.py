@@ -171,8 +171,7 @@ def _motion(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecordin
             if width == 1 and _vector(array):
                 rows = array.reshape(-1, 1)
             elif width == 9 and array.ndim == 3:  # Matrices, along MATLAB's last axis.
-                last = array.shape[:2] == (3, 3)
-                rows = np.moveaxis(array, -1, 0) if last else array
+                rows = np.moveaxis(array, -1, 0) if array.shape[:2] == (3, 3) else array
                 rows = rows.reshape(len(rows), -1)
             # Positions may lack z, and forces their torques.
             allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))

@@ -49,11 +49,9 @@ class _Message(NamedTuple):
 
     stamp: int
     logged: int
-    source: tuple[str, ...]
-    """Child frame, if any, frame, and publisher, if recorded."""
+    source: tuple[str, ...]  # Child frame, if any, frame, and publisher, if recorded.
     content: Any
-    of_many: bool
-    """Whether it is one of many transforms."""
+    of_many: bool  # Whether it is one of many transforms.
 
 
 def _row(message: Any) -> tuple[float, ...]:

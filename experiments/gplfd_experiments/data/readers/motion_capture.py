@@ -37,10 +37,7 @@ class _Joint(NamedTuple):
 
 
 def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read the motion of a joint of a Biovision hierarchy, which has no unit.
-
-    Positions in its frames replace a joint's OFFSET.
-    """
+    """Read the motion of a joint of a Biovision hierarchy, which has no unit."""
     hierarchy, _, motion = text_of(path).partition("MOTION")
     # The joints by their names, and how many numbers a frame has.
     words = (

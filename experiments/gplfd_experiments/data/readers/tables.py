@@ -130,8 +130,7 @@ _HALF_TURN: Final = 3.2  # Longer rotation vectors [rad] are probably none.
 _FASTEST_TURN: Final = 20.0  # Faster hands [rad/s] are probably recorded in degrees.
 _CHORD: Final = 0.05  # Time over which a hand turns for this speed [s].
 _MISSING: Final = frozenset(("", "-", "na", "n/a", "#n/a", "null", "none", "nil"))
-_MOST_HEADS: Final = 100
-"""Largest number of lines before the first sample."""
+_MOST_HEADS: Final = 100  # Largest number of lines before the first sample.
 
 
 def understood(head: str) -> tuple[str | None, str | None, str]:
@@ -180,7 +179,7 @@ def named_columns(
 ) -> dict[str, tuple[int, str | None]]:
     """Return index and unit of every known column, of one body if several have them.
 
-    Raises ValueError if one is missing or repeated; ``where`` describes the headings.
+    ValueError: one is missing or repeated; ``where`` describes the headings.
     """
     if any(re.search(r"[a-z_]3_?3$", head.lower()) for head in heads):
         # Rows and columns of a matrix that are counted from 1.
@@ -315,8 +314,7 @@ def recording(
         later = steps > 0.0
         step = float(np.median(steps[later]) * later.mean()) if later.any() else 0.0
         likely = likely_time_unit(step)
-        in_header = columns["t"][1]
-        contradicted = settings.time_unit is None or in_header not in (None, unit)
+        contradicted = settings.time_unit is None or columns["t"][1] not in (None, unit)
         if contradicted and likely not in (None, unit):
             notes.append(
                 f"there is a sample every {step:.3g} {unit}: are times in {likely}? "
@@ -410,8 +408,7 @@ def quaternions_of(
         third = np.cross(rows[:, 0], rows[:, 1])[:, None]
         rows = np.concatenate([rows, third], axis=1)
     quaternions = np.full((len(values), 4), np.nan)
-    turned = Rotation.from_matrix(rows[usable])
-    quaternions[usable] = turned.as_quat(scalar_first=True)
+    quaternions[usable] = Rotation.from_matrix(rows[usable]).as_quat(scalar_first=True)
     return quaternions
 
 

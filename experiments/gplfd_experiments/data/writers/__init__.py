@@ -1,7 +1,4 @@
-"""Writers for other programs: a commanded path, bit for bit, as CSV, TUM, JSON, bag.
-
-``about`` has the other entries of JSON; its "frame" has name and axes.
-"""
+"""Writers of a commanded path, bit for bit, as CSV, TUM, JSON ("about" it), bag."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,12 +26,8 @@ _UNITS: Final = {
 
 
 def states_of(poses: FloatArray) -> FloatArray:
-    """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last.
-
-    Successive quaternions have consistent signs, as actions are learned from states.
-    """
-    rotations = Rotation.from_rotvec(poses[:, 3:])
-    states = np.hstack([poses[:, :3], rotations.as_quat()])
+    """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last."""
+    states = np.hstack([poses[:, :3], Rotation.from_rotvec(poses[:, 3:]).as_quat()])
     flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
     states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
     return states
