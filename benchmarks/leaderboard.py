@@ -17,6 +17,7 @@ from typing import Any, Final
 import tyro
 
 from gplfd_experiments.analysis.results.statistics import (
+    Shift,
     holm,
     mean_shift,
     shift,
@@ -102,6 +103,17 @@ def by_seed(
     return [fmean(mean[seed] for mean in means) for seed in sorted(common)]
 
 
+def typical(values: Sequence[float], measure: str, than: Sequence[float] = ()) -> Shift:
+    """Return the typical value of a seed, or its difference; shares in percent."""
+    others = than or [0.0] * len(values)
+    if not MEASURES[measure].share:
+        return shift(values, others)
+    value = mean_shift(*([100.0 * x for x in shares] for shares in (values, others)))
+    if than:
+        return value
+    return replace(value, low=max(value.low, 0.0), high=min(value.high, 100.0))
+
+
 def text(
     answers: Answers,
     trials: Sequence[str],
@@ -109,18 +121,14 @@ def text(
     measure: str = "success",
     than: str = "",
 ) -> str:
-    """Return the typical value of a seed above its interval, or a difference."""
+    """Return `typical` of a policy, or its difference, above the interval."""
     values = by_seed(answers, trials, policy, measure)
     if not values:
         return "–"
-    others = by_seed(answers, trials, than, measure) if than else [0.0] * len(values)
-    shown, typical = MEASURES[measure], shift
-    if shown.share:  # in percent, differences in points
-        shown, typical = replace(shown, unit="" if than else "%", digits=0), mean_shift
-        values, others = ([100.0 * x for x in shares] for shares in (values, others))
-    value = typical(values, others)
-    if shown.share and not than:
-        value = replace(value, low=max(value.low, 0.0), high=min(value.high, 100.0))
+    others = by_seed(answers, trials, than, measure) if than else []
+    value, shown = typical(values, measure, others), MEASURES[measure]
+    if shown.share:
+        shown = replace(shown, unit="" if than else "%", digits=0)
     sign = "+" * (bool(than) and round(value.estimate, shown.digits) > 0.0)
     estimate = f"{sign}{shown.text(value.estimate, unit=True)}"
     return f"{estimate}\n{value.interval(shown.digits)}".strip()
