@@ -6,6 +6,7 @@
     {{ trials-1.0 / TRIAL / LEVEL / POLICY / MEASURE }}    value, then its interval
     {{ trials-1.0 / TRACK / POLICY / MEASURE }}            the same over a track
     {{ trials-1.0 / TRIAL / with – without / MEASURE }}    a contrast
+    {{ trials-1.0 / episodes }}                            their number
     {{ FILE / POLICY }}                                    doors opened, of rows
     {{ scored / TRIAL }}                                   the measures of a condition
 
@@ -13,6 +14,7 @@ Every measure has one statistic, that of benchmarks/leaderboard.py. As long as a
 does not exist, its numbers are "not run yet"; a name that it lacks is an error.
 """
 
+import itertools
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -67,6 +69,9 @@ def number(macro: str) -> str:
     content = read_json(path)
     if "trials" not in content:
         return _opened_of_rows(content["rows"], *where)
+    if where == ["episodes"]:
+        levels = itertools.chain(*(of.values() for of in content["trials"].values()))
+        return f"{sum(p['episodes'] for at in levels for p in at.values()):,}"
     *place, measure = where
     if " – " in place[-1]:
         return _contrast(content["contrasts"], place[0], place[-1], measure)
