@@ -1,6 +1,6 @@
 """What the pages say of robots: python benchmarks/robots.py {arms,commands}.
 
-Each writes its results to docs/results and its table into the page.
+Each writes its results to docs/results; `commands` also writes its table into the page.
 """
 
 import re
@@ -95,15 +95,7 @@ def arms(folder: Path = EXAMPLES) -> None:
         rows.append({"arm": arm, "file": file, **opened(folder / file)})
         print(rows[-1], flush=True)
     rows.sort(key=lambda row: row.get("radial_force_N", np.inf))
-    cells = [
-        (row["arm"], "yes", row["base"], f"{row['radial_force_N']:.1f} N")
-        if row["opened"]
-        else (row["arm"], "no", row.get("base", "–"), row["reason"])
-        for row in rows
-    ]
-    columns = "arm", "opened", "base", "greatest radial force, or why not"
-    table = Table(columns=columns, rows=tuple(cells))
-    stored("arms", rows, "skill-to-robot.md", table)
+    write_json(DOCS / "results/arms.json", {**code_state(), "rows": rows})
 
 
 def excesses(

@@ -1,8 +1,10 @@
-"""Tables of the commands and policies, written from the code: a hook of MkDocs."""
+"""Tables of commands, policies and arms, from code and results: a hook of MkDocs."""
 
 import dataclasses
+import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, get_args
 
 from gplfd_experiments.cli import main as cli
@@ -12,8 +14,8 @@ from gplfd_experiments.cli.doctor import catalogue
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Put a table in the place of ``<!-- table: NAME -->``."""
-    for name, table in {"commands": commands, "policies": policies}.items():
-        mark = f"<!-- table: {name} -->"
+    for table in (commands, policies, arms):
+        mark = f"<!-- table: {table.__name__} -->"
         if mark in markdown:
             markdown = markdown.replace(mark, "\n".join(table()))
     return markdown
@@ -79,3 +81,14 @@ def policies() -> Iterator[str]:
             yield f"**{title.capitalize()}**\n\n| name | meaning |\n|---|---|"
             yield from (f"| `{name}` | {_escaped(lines[name])} |" for name in lines)
             yield ""
+
+
+def arms() -> Iterator[str]:
+    """Yield which arms of other people open the medium door, by docs/results."""
+    file = Path(__file__).with_name("results") / "arms.json"
+    yield "| arm | opened | base | peak radial force, or why not |\n|---|---|---|---|"
+    for arm in json.loads(file.read_text())["rows"]:
+        opened, result = "no", _escaped(arm["reason"])
+        if arm["opened"]:
+            opened, result = "yes", f"{arm['radial_force_N']:.1f} N"
+        yield f"| {arm['arm']} | {opened} | {arm.get('base', '')} | {result} |"

@@ -4,7 +4,7 @@
     python examples/ros2_node.py opening.json
 
 NOT TRIED ON HARDWARE: it was only tested with a mock of rclpy. Read
-docs/skill-to-robot.md and its checklist first.
+docs/robot.md and its checklist first.
 
 The node publishes set-points on target_pose and six stiffnesses on target_stiffness. It
 begins when current_pose is at the first set-point, and plays one sample per tick until

@@ -29,7 +29,7 @@ from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
 from gplfd_experiments.workflows import exports
-from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP
+from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.movements import skill
 
 RADIUS = 0.5
@@ -171,7 +171,7 @@ def _learned_once() -> Iterator[None]:
     """Let equal demonstrations share their fits: many tests learn from the same."""
     with pytest.MonkeyPatch.context() as patch:
         for owner, name in (
-            (HeteroscedasticGP, "fit"),
+            (MultiOutputGP, "fit"),
             (skill, "fit_deviations"),
             (exports, "commanded_path"),
         ):

@@ -69,23 +69,20 @@ def test_tables_of_robots_are_written_into_their_pages(monkeypatch, tmp_path):
     monkeypatch.setattr(robots, "ROBOTS", ("ur5e-like",))
     monkeypatch.setattr(robots, "ARMS", {"None": "none.urdf"})
     (tmp_path / "none.urdf").write_text("<robot name='none'><link name='a'/></robot>")
-    for name, page in (
-        ("random-commands", "environment.md"),
-        ("arms", "skill-to-robot.md"),
-    ):
-        (tmp_path / page).write_text(f"a\n<!-- {name} -->\n\n<!-- {name} -->\nb\n")
+    page = tmp_path / "environment.md"
+    page.write_text("a\n<!-- random-commands -->\n\n<!-- random-commands -->\nb\n")
     (tmp_path / "results").mkdir()
     robots.commands(steps=2)
     robots.arms(tmp_path)
     rows = json.loads((tmp_path / "results/random-commands.json").read_text())["rows"]
     assert [row["grasp"] for row in rows] == ["contact", "weld"]
-    assert "\n| `ur5e-like`, weld | " in (tmp_path / "environment.md").read_text()
-    page = (tmp_path / "skill-to-robot.md").read_text()
-    assert "\n| None | no | – | none.urdf" in page
-    assert (page[:2], page[-3:]) == ("a\n", "\nb\n")
-    (tmp_path / "skill-to-robot.md").write_text("a\n")
-    with pytest.raises(ValueError, match=r"skill-to-robot\.md has no table between"):
-        robots.arms(tmp_path)
+    assert "\n| `ur5e-like`, weld | " in page.read_text()
+    (arm,) = json.loads((tmp_path / "results/arms.json").read_text())["rows"]
+    assert (arm["arm"], arm["opened"]) == ("None", False)
+    assert "none.urdf" in arm["reason"]
+    page.write_text("a\n")
+    with pytest.raises(ValueError, match=r"environment\.md has no table between"):
+        robots.commands(steps=2)
 
 
 @pytest.mark.parametrize("trial", TRIALS)

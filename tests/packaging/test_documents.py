@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+import runpy
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,30 +46,33 @@ def text_of(document: Path) -> str:
 
 
 def test_named_tests_exist():
-    suite: set[str] = set()
-    for path in (ROOT / "tests").rglob("test_*.py"):
-        suite |= set(re.findall(r"^def (test_\w+)", path.read_text(), re.MULTILINE))
-    named = {
-        document.name: set(re.findall(r"`(test_\w+)`", text_of(document)))
-        for document in DOCUMENTS
-    }
-    missing = {name: names - suite for name, names in named.items() if names - suite}
-    assert missing == {}
-    assert len(named["method.md"]) > 30, "it names the tests that settle it"
+    texts = (path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    suite = set(re.findall(r"^def (test_\w+)", "".join(texts), re.M))
+    for document in DOCUMENTS:
+        named = set(re.findall(r"`(test_\w+)`", text_of(document)))
+        assert named <= suite, document.name
+        assert document.stem != "method" or len(named) > 30, "tests settle what it says"
 
 
 def test_links_lead_somewhere():
     """Those of the site, which has nothing else, to its own pages."""
-    astray = []
     for document in DOCUMENTS:
         for link in re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document)):
             path = (document.parent / link).resolve()
             # The wheel's test run has no assets folder beside the documents.
-            there = path.exists() or link.startswith("assets/")
-            on_site = path.is_relative_to(DOCS) or not document.is_relative_to(DOCS)
-            if not (there and on_site):
-                astray.append((document.name, link))
-    assert astray == []
+            assert path.exists() or link.startswith("assets/"), (document.name, link)
+            assert path.is_relative_to(DOCS) or not document.is_relative_to(DOCS), link
+
+
+def test_tables_of_the_pages_come_from_the_code():
+    """Every line that names a table becomes one, and no table is left unnamed."""
+    pages = "".join(page.read_text() for page in DOCS.glob("*.md"))
+    names = ("tables", "commands")
+    tables, commands = (runpy.run_path(f"{DOCS}/{name}.py") for name in names)
+    built = commands["on_page_markdown"](tables["on_page_markdown"](pages))
+    assert "<!-- table: " not in built
+    assert all(f"\n<!-- table: {name} -->\n" in pages for name in tables["TABLES"])
+    assert "`closer.preload` | 0 | [0, 50] | N m | Closing torque at every" in built
 
 
 CODE = r"```python\n(.*?)```"
@@ -76,13 +80,10 @@ CODE = r"```python\n(.*?)```"
 
 @pytest.mark.filterwarnings("ignore")
 def test_code_in_the_pages_runs(tmp_path, monkeypatch):
-    """After the README's first command, for one door. Every block has names of its own;
-    a traceback has the block's text.
-    """
+    """Every block, with names of its own, after the README's first command."""
     monkeypatch.chdir(tmp_path)
     matplotlib.use("agg")  # shows nothing
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    # What needs more than that is marked, and run where it is.
     blocks = [
         block
         for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
@@ -95,7 +96,7 @@ def test_code_in_the_pages_runs(tmp_path, monkeypatch):
     for block in blocks:
         exec(compile(block, block, "exec"), {"__name__": "__main__"})
     # A reader copies one of them: none lives on what another has imported.
-    assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
+    assert all("gplfd_env" in block for block in blocks if '"gplfd/' in block)
 
 
 @pytest.mark.filterwarnings("ignore")

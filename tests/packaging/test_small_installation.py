@@ -118,7 +118,7 @@ def test_agents_act_bit_for_bit_as_with_everything(alone, tmp_path, monkeypatch)
 def test_the_code_of_the_page_acts(alone, tmp_path):
     shown = Teacher().standard_demonstrations(seed=0)
     fit_skill(align(shown, n_samples=20)).save(tmp_path / "skill.npz")
-    page = (Path(__file__).parents[2] / "docs/skill-to-robot.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/quickstart.md").read_text()
     (code,) = re.findall(r"<!-- python: small -->\n```python\n(.*?)```", page, re.S)
     given = "import numpy as np\npose = wrench = np.zeros(6)\n"
     ended = alone(f"{given}{code}print(step.action)")

@@ -116,7 +116,7 @@ def test_spectral_posterior_equals_dense():
 def test_fit_finds_the_best_of_many_starts():
     times, samples, noise = demonstrations(6, 120)
     mean = samples.mean(axis=0)
-    kernel = fit_kernel(times, mean, noise / 6.0)
+    kernel, _ = fit_kernel(times, mean, noise / 6.0)
     evidence = DenseEvidence(times=times, values=mean, noise=noise / 6.0)
     grid = [
         evidence(RBF(length_scale=length, signal_std=signal), 1.0)[0]
@@ -132,7 +132,7 @@ def test_short_length_scales_widen_the_basis():
     true = RBF(length_scale=0.06, signal_std=1.0)(times, times)
     values = np.linalg.cholesky(true + 1e-9 * np.eye(150)) @ rng.normal(size=150)
     noise = np.full(150, 1e-4)
-    kernel = fit_kernel(times, values, noise)
+    kernel, _ = fit_kernel(times, values, noise)
     assert kernel.length_scale == pytest.approx(0.06, rel=0.1)
     dense = DenseEvidence(times=times, values=values, noise=noise)
     # At a maximum of the dense evidence, although the search used the spectral one.
@@ -144,7 +144,7 @@ def test_length_scales_below_every_basis_use_the_dense_form():
     times = np.linspace(0.0, 1.0, 100)
     true = RBF(length_scale=0.012, signal_std=1.0)(times, times)
     values = np.linalg.cholesky(true + 1e-9 * np.eye(100)) @ rng.normal(size=100)
-    kernel = fit_kernel(times, values, np.full(100, 1e-4), shortest=0.005)
+    kernel, _ = fit_kernel(times, values, np.full(100, 1e-4), shortest=0.005)
     assert kernel.length_scale == pytest.approx(0.012, rel=0.2)
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from gplfd_policies.agents.model_based.following import UPRIGHT, _distances, fit_circle
+from gplfd_policies.agents.model_based.following import UPRIGHT, Circle, _distances
 
 pytestmark = pytest.mark.slow
 
@@ -19,6 +19,14 @@ RADII = st.floats(0.3, 1.0)
 HEADINGS = st.floats(-0.1, 0.1)
 TILTS = st.floats(-0.02, 0.02)
 X, _, Z = np.eye(3)
+
+
+def fit_circle(points, prior=UPRIGHT):
+    """The most probable circle through the origin and along points."""
+    circle = Circle.expected(prior)
+    for _ in range(15):
+        circle = circle.updated(points)
+    return circle
 
 
 def door(radius, heading=0.0, tilt=0.0, slope=0.0):

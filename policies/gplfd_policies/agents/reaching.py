@@ -47,8 +47,7 @@ CONTACT_FORCE: Final = 8.0
 DAMPING: Final = 400.0
 """D: damping with which the hand yields while the gripper closes [N s/m]."""
 
-SHAKE: Final = (0.006, 0.6)
-"""Amplitude [m] and duration [s] of the test of a grasp."""
+SHAKE: Final = (0.006, 0.6)  # Amplitude [m] and duration [s] of the test of a grasp.
 
 RESISTANCE: Final = 1.5
 """Least amplitude of the force that resists the shake if the hand holds something [N].

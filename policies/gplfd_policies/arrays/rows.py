@@ -8,8 +8,7 @@ from gplfd_policies.arrays.shapes import Float, Int
 
 Numbers = np.ndarray | np.float64 | np.int64
 """One number per row; a NumPy scalar for a batch without a leading axis."""
-PerRow = Float[Numbers, "*N"]
-"""Such floating-point numbers, e.g. phases or loads."""
+PerRow = Float[Numbers, "*N"]  # Such floating-point numbers, e.g. phases or loads.
 
 Rows = tuple[()] | Int[np.ndarray, " A"]
 """Index of the leading axis: numbers of rows, or the empty index for all rows."""

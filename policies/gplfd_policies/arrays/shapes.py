@@ -31,22 +31,16 @@ else:
 
         Bool = Complex = Int = Float
 
-Times = Float[np.ndarray, " M"]
-"""Phases of the task, or other times."""
-Curve = Float[np.ndarray, " M"]
-"""One number at each of these times."""
-Curves = Float[np.ndarray, "D M"]
-"""One such curve per demonstration."""
-Gram = Float[np.ndarray, "M M"]
-"""Covariance of one output between these times."""
-Pose = Float[np.ndarray, "6"]
-"""The six outputs at one phase."""
+Times = Float[np.ndarray, " M"]  # Phases of the task, or other times.
+Curve = Float[np.ndarray, " M"]  # One number at each of these times.
+Curves = Float[np.ndarray, "D M"]  # One such curve per demonstration.
+Gram = Float[np.ndarray, "M M"]  # Covariance of one output between these times.
+Pose = Float[np.ndarray, "6"]  # The six outputs at one phase.
 Outputs = Float[np.ndarray, "M 6"]
 """The six outputs, their standard deviations, or their rates at M phases."""
 OutputCurves = Float[np.ndarray, "D M 6"]
 """The six outputs at M phases, per demonstration."""
-Covariances = Float[np.ndarray, "6 M M"]
-"""Covariance over time of every output."""
+Covariances = Float[np.ndarray, "6 M M"]  # Covariance over time of every output.
 SixAxes = Float[np.ndarray, " 6"]
 """One number for each translation and each rotation of a hand."""
 Axes = Float[np.ndarray, "*N 6"]

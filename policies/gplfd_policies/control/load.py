@@ -80,8 +80,20 @@ class ForceForecast:
         self, phases: PerRow, axes: HandAxes, rows: Rows = ALL_ROWS
     ) -> tuple[ExpectedForce, ExpectedForce]:
         """Return the expected forces at phases, and at the end of the path ahead."""
-        if self._due[rows].any():
-            self._condition(rows)
+        due = self._due[rows]
+        if due.any():
+            total, count = self._sum[rows], self._count[rows]
+            for number, phase, mean in zip(
+                self._movements.numbers[rows][due].tolist(),
+                np.asarray(self._phases[rows])[due].tolist(),
+                total[due] / np.asarray(count)[due][:, None],
+                strict=True,
+            ):
+                via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
+                self._movements.observe(number, via_point)
+            self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
+            self._count[rows] = np.where(due, 0.0, count)
+            self._due[rows] = False
         ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
         largest = self._largest[rows]
         here, ahead = (
@@ -109,20 +121,6 @@ class ForceForecast:
         """Schedule rows that learn the mean force before they predict again."""
         self._due[rows] = due
         self._phases[rows] = phases
-
-    def _condition(self, rows: Rows) -> None:
-        due, total, count = self._due[rows], self._sum[rows], self._count[rows]
-        for number, phase, mean in zip(
-            self._movements.numbers[rows][due].tolist(),
-            np.asarray(self._phases[rows])[due].tolist(),
-            total[due] / np.asarray(count)[due][:, None],
-            strict=True,
-        ):
-            via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
-            self._movements.observe(number, via_point)
-        self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
-        self._count[rows] = np.where(due, 0.0, count)
-        self._due[rows] = False
 
 
 _NO_LIMIT: Final = "to carry nothing use YieldToAll"

@@ -53,8 +53,7 @@ _WORTH_LEARNING: Final = np.radians(1.0)
 AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
 
-PerSample = Float[np.ndarray, " N"]
-"""One number per sample of a demonstration."""
+PerSample = Float[np.ndarray, " N"]  # One number per sample of a demonstration.
 Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
 """Poses of K demonstrations at M phases, and their clocks there."""
 

@@ -165,8 +165,7 @@ def checked_demonstrations(demonstrations: object) -> tuple[Demonstration, ...]:
     )
 
 
-Who = Literal["synthetic", "person"]
-"""Who leads the hand."""
+Who = Literal["synthetic", "person"]  # Who leads the hand.
 
 _WINDOW: Final = 0.5
 """Window of cubic polynomials by which the noise of a led hand is measured [s]."""

@@ -23,10 +23,8 @@ FIRST_POSE: Final = "the first pose of each demonstration"
 """Frame of motions that are relative to their own first pose."""
 OTHER: Final = "one frame of all demonstrations"
 """Frame of motions that keep their start poses."""
-FRAMES: Final = (FRAME, FIRST_POSE, OTHER)
-"""All frames that a file may name."""
-FILE: Final = "demonstrations.npz"
-"""Name of the file in a folder of demonstrations."""
+FRAMES: Final = (FRAME, FIRST_POSE, OTHER)  # All frames that a file may name.
+FILE: Final = "demonstrations.npz"  # Name of the file in a folder of demonstrations.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -76,6 +76,8 @@ class SimilarityModel:
     """Standard deviation of demonstrations of equal size along the path [m]."""
     log_sizes: Sizes
     """Logarithms of the grid of sizes; 0 if the path shows no size."""
+    rate: float
+    """√3 over the length-scale of the Matérn kernel of f [1/phase]."""
     least_scale: float
     """Share of the stated variances caused by the error of the mean path."""
     outward: Float[np.ndarray, "4 F"]
@@ -129,6 +131,7 @@ class SimilarityModel:
             lateral_std=lateral_std,
             lag=lag,
             log_sizes=math.sqrt(size_variance) * visible * _STEPS,
+            rate=math.sqrt(3.0) / config.lateral_length_scale,
             least_scale=1.0 / (count + 1),
             outward=np.hstack([start, out]),
         )
@@ -151,11 +154,6 @@ class SimilarityModel:
             angle=zero,
             angle_variance=zero + self.config.heading_std**2,
         )
-
-    @property
-    def rate(self) -> float:
-        """√3 over the length-scale of the Matérn kernel of f [1/phase]."""
-        return math.sqrt(3.0) / self.config.lateral_length_scale
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,16 +19,14 @@ from gplfd_env.conventions.constants import Vector
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
-Quaternion = tuple[float, float, float, float]
-"""(w, x, y, z)."""
+Quaternion = tuple[float, float, float, float]  # (w, x, y, z).
 
 _FIRST_TURNS: Final = (0.4, 0.25)
 """Least turns of the hand before the door moves [rad]: of levers, then of paddles."""
 _LATER_TURN: Final = 0.2  # least angle of a later turn with a well-defined axis [rad]
 _ANOTHER: Final = math.radians(45.0)
 """Two axes differ if the angle between them exceeds this [rad]."""
-_STILL: Final = 0.015
-"""Largest root-mean-square motion of the resting point [m]."""
+_STILL: Final = 0.015  # Largest root-mean-square motion of the resting point [m].
 _LEAST_ARM: Final = 0.03
 """Lever arm [m] below which the handle counts as a knob, turned by a moment only."""
 _MOVED: Final = 0.01

@@ -295,29 +295,26 @@ class DenseEvidence:
         return posterior.log_marginal_likelihood(), gradient
 
 
-def fit_kernel(
-    times: Times, values: Curve, noise_variance: Curve, *, shortest: float = 0.05
-) -> RBF:
-    """Fit (l, σ_f) to values of order one and known noise; l ≥ shortest · time span."""
-    return _search(times, values, noise_variance, shortest, None)[0]
-
-
 def fit_kernel_and_noise(
     replicates: Replicates, *, shortest: float = 0.05
 ) -> tuple[RBF, float]:
     """Fit (l, σ_f) and σ_n², Eqs. (3), (7), to all D·M observations; return both."""
-    noise = np.full(len(replicates.times), 1.0 / replicates.count)
-    return _search(replicates.times, replicates.mean, noise, shortest, replicates)
+    times, noise = replicates.times, np.ones(len(replicates.times)) / replicates.count
+    return fit_kernel(times, replicates.mean, noise, shortest, replicates)
 
 
-def _search(
+def fit_kernel(
     times: Times,
     values: Curve,
     noise: Curve,
-    shortest: float,
-    replicates: Replicates | None,
+    shortest: float = 0.05,
+    replicates: Replicates | None = None,
 ) -> tuple[RBF, float]:
-    """Search with the smallest basis first; enlarge it if the length-scale is short."""
+    """Fit (l, σ_f) to values of order one, l ≥ shortest · time span, and c, see below.
+
+    The noise variance is known but for a factor c, which is 1 without replicates. The
+    smallest basis is tried first, and enlarged if the length-scale is short.
+    """
     span = float(times[-1] - times[0])
     size, comfortable = next(iter(SIZES.items()))
     if len(times) > size:

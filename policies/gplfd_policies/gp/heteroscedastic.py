@@ -144,7 +144,7 @@ class MapNoise(Quantities):
         level = float(np.mean(observed))
         variance = np.full(len(times), float(scipy.special.polygamma(1, half)))
         shortest = self.shortest_scale
-        kernel = fit_kernel(times, observed - level, variance, shortest=shortest)
+        kernel, _ = fit_kernel(times, observed - level, variance, shortest)
         basis = NoiseProfile.basis_over(times)
         # The mode of z − level = features @ position, with position ~ N(0, I).
         vague = _OFFSET_VARIANCE * np.outer(basis.root_weights, basis.root_weights)
@@ -224,12 +224,11 @@ class KerstingNoise(Quantities):
             of_logs, _ = logs.condition_in(basis, smooth, noise)
             profile = NoiseProfile(level=level, basis=basis, coefficients=of_logs)
             noise = profile.variance(times)
-            kernel = fit_kernel(times, replicates.mean, noise / replicates.count)
+            kernel, _ = fit_kernel(times, replicates.mean, noise / replicates.count)
         return profile
 
 
-Moment = Float[np.ndarray, "M d"]
-"""One number per time and output."""
+Moment = Float[np.ndarray, "M d"]  # One number per time and output.
 
 
 def offset_and_scale(samples: Curves, centred: bool) -> tuple[float, float]:
@@ -258,24 +257,6 @@ class HeteroscedasticGP:
     noise: NoiseProfile
 
     __repr__ = short_repr
-
-    @classmethod
-    def fit(
-        cls, times: Times, samples: Curves, noise: NoiseModel, *, centred: bool = True
-    ) -> "HeteroscedasticGP":
-        """Learn one output from D curves; prior mean zero if it is not centred."""
-        offset, scale = offset_and_scale(samples, centred)
-        scaled = (samples - offset) / scale
-        profile = noise.fit(times, scaled)
-        replicates = Replicates.from_samples(times, scaled)
-        variance = profile.variance(times) / replicates.count
-        return cls(
-            offset=offset,
-            scale=scale,
-            replicates=replicates,
-            kernel=fit_kernel(times, replicates.mean, variance),
-            noise=profile,
-        )
 
     @cached_property
     def latent(self) -> ExactGP:
@@ -317,11 +298,23 @@ class MultiOutputGP:
         *,
         centred: bool = True,
     ) -> "MultiOutputGP":
-        """Learn each output independently; arguments as for `HeteroscedasticGP.fit`."""
-        outputs = (
-            HeteroscedasticGP.fit(times, samples, noise, centred=centred)
-            for samples in np.moveaxis(poses, 2, 0)
-        )
+        """Learn outputs from D curves each; prior mean zero if they are not centred."""
+        outputs = []
+        for samples in np.moveaxis(poses, 2, 0):
+            offset, scale = offset_and_scale(samples, centred)
+            scaled = (samples - offset) / scale
+            profile = noise.fit(times, scaled)
+            replicates = Replicates.from_samples(times, scaled)
+            variance = profile.variance(times) / replicates.count
+            kernel, _ = fit_kernel(times, replicates.mean, variance)
+            output = HeteroscedasticGP(
+                offset=offset,
+                scale=scale,
+                replicates=replicates,
+                kernel=kernel,
+                noise=profile,
+            )
+            outputs.append(output)
         return cls(outputs=tuple(outputs))
 
     @property

@@ -45,15 +45,13 @@ NOISE_MODELS: dict[str, NoiseModel] = {
 """Noise models by name: "map" is the default, "kersting" the paper's."""
 
 _FEW: Final = 3  # up to this many demonstrations, `fit_skill` warns
-_WINDOW: Final = 0.1
-"""Share of the task over which the spread counts as constant."""
+_WINDOW: Final = 0.1  # Share of the task over which the spread counts as constant.
 
 SIZE_STD: Final = 0.25
 """γ: standard deviation of the size of the next repetition relative to a single
 demonstration, as a share of the displacement from its start."""
 
-FRAMES: Final = ("door", "first pose", "given")
-"""Frames that a skill may have."""
+FRAMES: Final = ("door", "first pose", "given")  # Frames that a skill may have.
 _KIND, _VERSION = "a gplfd skill", 4
 """Content of the file of a skill, and version of its layout."""
 _FORCES: Final = "forces_"  # prefix of the names of arrays learned from forces

@@ -82,11 +82,6 @@ def module_policy(name: str, folder: Path) -> Policy:
     return replace(policy, origin=origin)
 
 
-def packaged_names() -> set[str]:
-    """Return the names that installed packages offer, without importing anything."""
-    return {entry.name for entry in _offers()}
-
-
 def packaged_policy(name: str) -> Policy | None:
     """Import the policy that an installed package offers by a name, if there is one."""
     offers = [entry for entry in _offers() if entry.name == name]
@@ -344,7 +339,7 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     packaged = packaged_policy(name)
     if packaged is not None:
         return packaged
-    names = sorted({*POLICIES, *packaged_names()})
+    names = sorted({*POLICIES, *(entry.name for entry in _offers())})
     near = difflib.get_close_matches(name, names, n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     raise ValueError(

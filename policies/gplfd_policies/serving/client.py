@@ -23,7 +23,7 @@ class ServerLostError(ConnectionError):
 
 
 class RefusedError(ValueError):
-    """The server answered with an error; docs/serving.md lists the values of `code`."""
+    """The server answered with an error; docs/robot.md lists the values of `code`."""
 
     def __init__(self, reply: Mapping[str, Any]) -> None:
         super().__init__(f"{reply['code']}: {reply['message']}")

@@ -1,6 +1,6 @@
 """Messages of the line protocol, one JSON object per line: checks, transfer, journal.
 
-Numbers are transferred bit for bit. docs/serving.md has the tables of all messages.
+Numbers are transferred bit for bit. docs/reference.md has the tables of all messages.
 """
 
 import io
@@ -20,10 +20,8 @@ from gplfd_env.validation.fields import Range
 
 Message = dict[str, Any]
 
-VERSION: Final = 1
-"""Version of the protocol; clients with another version are refused."""
-MAX_LINE: Final = 65536
-"""Longest line [bytes]."""
+VERSION: Final = 1  # Version of the protocol; clients with another version are refused.
+MAX_LINE: Final = 65536  # Longest line [bytes].
 
 UNITS: Final = {
     "time": "s",
@@ -37,8 +35,7 @@ UNITS: Final = {
 MOST_TURNED: Final = 7.0
 """Greatest component of a rotation vector, unless the agent turns by more [rad]."""
 
-BEGINNING: Final = b'{"journal":1'
-"""Beginning of the first line of every run."""
+BEGINNING: Final = b'{"journal":1'  # Beginning of the first line of every run.
 LARGEST: Final = 2**30
 """Greatest size of a file [bytes]: at least an hour with all quantities explained."""
 

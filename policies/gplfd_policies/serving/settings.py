@@ -147,5 +147,4 @@ LIMITS: Final = (
 )
 """Fields that limit the robot."""
 
-WATCHDOG: Final = ("hold_after", "stop_after", "soften_time")
-"""Fields of the watchdog."""
+WATCHDOG: Final = ("hold_after", "stop_after", "soften_time")  # Fields of the watchdog.

@@ -21,7 +21,7 @@ class Export(OperatorLimits):
     measurements of the robot. Formats: CSV, TUM trajectory, JSON, and a ROS 2 bag with
     the topics that crisp_controllers reads (pip install 'gplfd[ros]'). A motion beyond
     the limits of the operator or of the robot is not written, with exit status 1. This
-    was not tried on hardware: read docs/skill-to-robot.md first.
+    was not tried on hardware: read docs/robot.md first.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL")]
@@ -104,7 +104,7 @@ class Export(OperatorLimits):
 class Serve(ServeSettings):
     """Serve an agent to a robot: observations in, commands out, line by line.
 
-    The protocol, its states and its limits are in docs/serving.md. The process never
+    The protocol, its states and its limits are in docs/robot.md. The process never
     loads MuJoCo. By default, a policy learns from the synthetic human's demonstrations
     of doors with a bar.
     """

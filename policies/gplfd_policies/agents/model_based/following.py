@@ -117,30 +117,20 @@ class Circle:
         axes = self.axes
         return DoorGeometry(hinge=-axes[:, 2] / self.curvature, axis=axes[:, 1])
 
-    def updated(self, points: Points, steps: int = 1) -> Circle:
-        """Return the estimate after some Gauss-Newton steps from this one."""
-        prior, information, circle = self.prior, self.prior.information, self
-        for _ in range(steps):
-            local = (points @ circle.axes).T
-            distances, slopes = _distances(local, circle.curvature)
-            squares = np.add.reduce(distances**2, axis=0) / prior.noise**2
-            weights = 1.0 / (prior.noise**2 * (1.0 + squares / prior.far**2))
-            weighted, flat = (weights * slopes).reshape(4, -1), slopes.reshape(4, -1)
-            gradient = information * (circle.parameters - prior.mean)
-            gradient += weighted @ distances.ravel()
-            step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
-            # Rotations are small: the rotation of a step may be added.
-            parameters = circle.parameters - step
-            bounded = np.minimum(np.maximum(parameters, _LOWEST), _HIGHEST)
-            circle = Circle(prior=prior, parameters=bounded)
-        return circle
-
-
-def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
-    """Return the most probable circle through the origin and along points."""
-    if not np.isfinite(points).all():
-        raise ValueError("points of a path must be finite; leave out missing points")
-    return Circle.expected(prior).updated(points, steps=15)
+    def updated(self, points: Points) -> Circle:
+        """Return the estimate after a Gauss-Newton step from this one."""
+        prior, information = self.prior, self.prior.information
+        distances, slopes = _distances((points @ self.axes).T, self.curvature)
+        squares = np.add.reduce(distances**2, axis=0) / prior.noise**2
+        weights = 1.0 / (prior.noise**2 * (1.0 + squares / prior.far**2))
+        weighted, flat = (weights * slopes).reshape(4, -1), slopes.reshape(4, -1)
+        gradient = information * (self.parameters - prior.mean)
+        gradient += weighted @ distances.ravel()
+        step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
+        # Rotations are small: the rotation of a step may be added.
+        parameters = self.parameters - step
+        bounded = np.minimum(np.maximum(parameters, _LOWEST), _HIGHEST)
+        return Circle(prior=prior, parameters=bounded)
 
 
 def _distances(
@@ -187,8 +177,7 @@ _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_rat
 """M, and δ, with which D = 2 δ √(M K) is 100 N s/m and 10 N m s/rad. Tuned."""
 JUMP_DECAY: Final = 0.95
 """Share of a jump between two estimates of the path left after a period. Tuned."""
-CARRIED: Final = CarriedLoad()
-"""Load rule of these agents; it has no state."""
+CARRIED: Final = CarriedLoad()  # Load rule of these agents; it has no state.
 
 
 class HandPath:

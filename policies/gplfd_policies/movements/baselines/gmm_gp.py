@@ -41,8 +41,7 @@ LONGEST_LENGTH_SCALE = 5.0
 NOISE_RANGE = (4e-5, 2e-3)
 """Allowed variance of the demonstrations' noise, standardised; published [0.001, 0.05]
 cm². Without the upper limit most length-scales reach theirs."""
-_STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised."""
+_STRONGEST = 1e-4  # Least standard deviation of a via-point, standardised.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

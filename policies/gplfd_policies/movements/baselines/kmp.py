@@ -40,8 +40,7 @@ from gplfd_policies.movements.baselines.gmr import (
 )
 from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
-_STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised."""
+_STRONGEST = 1e-4  # Least standard deviation of a via-point, standardised.
 _SAME_PHASE = 0.1
 """Phases closer than this share of the reference's spacing coincide; as published."""
 _SMALLEST = 1e-10

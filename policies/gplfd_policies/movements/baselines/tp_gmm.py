@@ -45,8 +45,7 @@ from gplfd_policies.movements.movement import (
     ViaPoint,
 )
 
-PLANE = [0, 2]
-"""x and z, the plane in which a door turns."""
+PLANE = [0, 2]  # x and z, the plane in which a door turns.
 _ROUNDNESS = 0.5
 """Greatest RMS distance of a path from its circle, relative to the nearest line."""
 _STRONGEST = 1e-4  # least standard deviation of a point of a circle [m]
