@@ -1,34 +1,46 @@
-"""The leaderboards of the trials: python benchmarks/leaderboard.py.
+"""Tables of the trials: python benchmarks/leaderboard.py [--write].
 
-Ranks the policies that took part in all trials of a track by the share of doors that
-they opened, from trials.json, which `gplfd report` writes for `gplfd trials`.
+They are computed from trials.json, which `gplfd report` writes for `gplfd trials`. A
+value of a seed is the mean over doors, levels and trials. A share is the mean of the
+seeds with Student's interval; other measures are the Hodges-Lehmann estimate with its
+interval (95 % each).
 """
 
-import math
+import itertools
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
 
 import tyro
 
-from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
-from gplfd_experiments.analysis.results.statistics import holm, mean_shift, signed_rank
-from gplfd_experiments.analysis.results.trials import deciding_measure, success_measure
+from gplfd_experiments.analysis.results.statistics import (
+    Shift,
+    holm,
+    mean_shift,
+    shift,
+    signed_rank,
+)
+from gplfd_experiments.analysis.results.trials import (
+    MEASURES,
+    SMALLEST_SHARE,
+    deciding_measure,
+    success_measure,
+)
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRACKS, TRIALS
+from gplfd_experiments.studies.trials.protocol import VERSION as PROTOCOL
 
-SMALLEST_SHARE: Final = 0.05
-"""Smallest difference of shares of successes that counts."""
-PROTOCOL: Final = 10  # of the stored results
-STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
-
+ROOT: Final = Path(__file__).parents[1]
+STORED: Final = ROOT / f"docs/results/trials-{PROTOCOL}.json"
+ACROSS: Final = ("force_radial_impulse", "force_radial_20ms")
+NOT_RUN: Final = "*not run yet*"
 
 Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
-Numbers = Mapping[str, tuple[float, float | None]]
-"""Share of successes and deciding measure of a policy, by trial."""
 
 
 def answers_of(files: Iterable[Path]) -> Answers:
@@ -51,151 +63,206 @@ def answers_of(files: Iterable[Path]) -> Answers:
     return answers
 
 
-def levels_of(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return trials and levels but those with a prior mean, which not all take."""
-    return [
-        (name, level)
-        for name in names
-        for level, setting in TRIALS[name].levels.items()
-        if setting.prior_radius is None
-    ]
+def levels_of(trial: str) -> list[str]:
+    """Return the levels of a trial but those with a prior mean, which not all take."""
+    levels = TRIALS[trial].levels.items()
+    return [name for name, level in levels if level.prior_radius is None]
 
 
-def standings(
-    answers: Answers, names: Sequence[str], *, pipelines: bool = False
-) -> dict[str, Numbers]:
+def ran(answers: Answers, trial: str) -> set[str]:
+    """Return the policies that ran at all levels of a trial and lost no episode."""
+    levels = [answers.get(trial, {}).get(level, {}) for level in levels_of(trial)]
+    return set.intersection(*({p for p in at if not at[p]["lost"]} for at in levels))
+
+
+def ranked(answers: Answers, trials: Sequence[str]) -> list[str]:
     """Return the policies that took part in all trials, the most successful first.
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
-    Policies in another pipeline than the default one have a table of their own.
     """
-    results = [answers.get(name, {}).get(level, {}) for name, level in levels_of(names)]
-    complete = [
-        {p for p in policies if not policies[p]["lost"] and ("@" in p) == pipelines}
-        for policies in results
-    ]
-
-    def mean(policy: str, name: str, measure: str) -> float | None:
-        """Return the mean of a measure over the levels of a trial that have it."""
-        levels = [answers[name][level][policy] for _, level in levels_of([name])]
-        values = [measures[measure]["estimate"] for measures in levels]
-        measured = [value for value in values if value is not None]
-        return fmean(measured) if measured else None
-
-    numbers = {
-        policy: {
-            name: (
-                mean(policy, name, success_measure(TRIALS[name])) or 0.0,
-                mean(policy, name, deciding_measure(TRIALS[name])),
-            )
-            for name in names
-        }
-        for policy in sorted(set.intersection(*complete))
-    }
-    return dict(sorted(numbers.items(), key=lambda item: -succeeded(item[1])))
+    policies = sorted(set.intersection(*(ran(answers, trial) for trial in trials)))
+    return sorted(policies, key=lambda p: -fmean(by_seed(answers, trials, p)))
 
 
-def succeeded(numbers: Numbers) -> float:
-    """Return the mean share of successes of a policy over trials."""
-    return fmean(share for share, _ in numbers.values())
+def by_seed(
+    answers: Answers, trials: Sequence[str], policy: str, measure: str = "success"
+) -> list[float]:
+    """Return the mean of a measure over the trials that have it, by seed.
 
-
-def titled(policy: str) -> str:
-    """Return the cell with the name of a policy."""
-    return f"`{policy}`{' (learns nothing)' if policy in REFERENCES else ''}"
-
-
-def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
-    """Return a row per policy: the share of successes, and what decides, by trial."""
-    places = standings(answers, names)
-    learned = [policy for policy in places if policy not in REFERENCES]
-    rows = {p: [titled(p), f"{succeeded(places[p]):.2f}"] for p in places}
-    for name in names:
-        measure = EPISODE_MEASURES[deciding_measure(TRIALS[name])]
-        values = [value for p in learned if (value := places[p][name][1]) is not None]
-        best = max(values, key=lambda value: measure.sign * value)
-        finer = -1 if measure.unit == "°" else 0
-        for policy, numbers in places.items():
-            share, value = numbers[name]
-            text = measure.text(value, unit=True, finer=finer)
-            if value == best and policy in learned:
-                text = f"**{text}**"
-            rows[policy].append(f"{share:.2f}\n{text}")
-    columns = ("policy", "all", *names)
-    return Table(columns=columns, rows=tuple(map(tuple, rows.values())))
-
-
-def overview(answers: Answers, *, pipelines: bool = False) -> Table:
-    """Return the share of successes of every policy in several tracks, by track.
-
-    Of learners in the default pipeline and of references, or of other pipelines.
+    Trials have equal weights, and so have the levels of a trial.
     """
-    shares: dict[str, dict[str, float]] = {}
-    for track, names in TRACKS.items():
-        for policy, numbers in standings(answers, names, pipelines=pipelines).items():
-            shares.setdefault(policy, {})[track] = succeeded(numbers)
+    means = []
+    for trial in trials:
+        own = success_measure(TRIALS[trial]) if measure == "success" else measure
+        if own in TRIALS[trial].measures:
+            levels = [answers[trial][level][policy] for level in levels_of(trial)]
+            seeds = [level[own]["seeds"] for level in levels]
+            common = set.intersection(*map(set, seeds))
+            means.append({seed: fmean(s[seed] for s in seeds) for seed in common})
+    common = set.intersection(*map(set, means)) if means else set()
+    return [fmean(mean[seed] for mean in means) for seed in sorted(common)]
 
+
+def typical(values: Sequence[float], measure: str, than: Sequence[float] = ()) -> Shift:
+    """Return the typical value of a seed, or its difference; shares in percent."""
+    others = than or [0.0] * len(values)
+    if not MEASURES[measure].share:
+        return shift(values, others)
+    value = mean_shift(*([100.0 * x for x in shares] for shares in (values, others)))
+    if than:
+        return value
+    return replace(value, low=max(value.low, 0.0), high=min(value.high, 100.0))
+
+
+def text(
+    answers: Answers,
+    trials: Sequence[str],
+    policy: str,
+    measure: str = "success",
+    than: str = "",
+) -> str:
+    """Return `typical` of a policy, or its difference, above the interval."""
+    values = by_seed(answers, trials, policy, measure)
+    if not values:
+        return "–"
+    others = by_seed(answers, trials, than, measure) if than else []
+    value, shown = typical(values, measure, others), MEASURES[measure]
+    if shown.share:
+        shown = replace(shown, unit="" if than else "%", digits=0)
+    sign = "+" * (bool(than) and round(value.estimate, shown.digits) > 0.0)
+    estimate = f"{sign}{shown.text(value.estimate, unit=True)}"
+    return f"{estimate}\n{value.interval(shown.digits)}".strip()
+
+
+def leaderboard(answers: Answers, track: str) -> Table:
+    """Return a row per policy: what it knows, success, and forces across the path."""
+    trials = TRACKS[track].trials
+    measures = [m for m in ACROSS if any(m in TRIALS[t].measures for t in trials)]
     rows = []
-    order = sorted(shares, key=lambda p: (-len(shares[p]), -fmean(shares[p].values())))
-    for policy in order:
-        if len(tracks := shares[policy]) >= 2:
+    for policy in ranked(answers, trials):
+        cells = [text(answers, trials, policy, m) for m in ("success", *measures)]
+        knows = "the door" if policy == "oracle" else "demonstrations"
+        knows = "nothing" if policy in REFERENCES and policy != "oracle" else knows
+        rows.append((f"`{policy}`", knows, *cells))
+    heads = [MEASURES[measure].name for measure in measures]
+    return Table(columns=("policy", "knows", "opened", *heads), rows=tuple(rows))
+
+
+def by_trial(answers: Answers, track: str) -> Table:
+    """Return a row per policy: success and the deciding measure in every trial."""
+    trials = TRACKS[track].trials
+    rows = []
+    for policy in ranked(answers, trials):
+        cells = [
+            f"{text(answers, [trial], policy)}\n"
+            f"{text(answers, [trial], policy, deciding_measure(TRIALS[trial]))}"
+            for trial in trials
+        ]
+        rows.append((f"`{policy}`", *cells))
+    return Table(columns=("policy", *(f"`{t}`" for t in trials)), rows=tuple(rows))
+
+
+def parts(answers: Answers) -> Table:
+    """Return what every part of the pipeline adds to the doors opened, by trial."""
+    rows = []
+    policies = dict.fromkeys(itertools.chain(*(t.policies for t in TRACKS.values())))
+    for less in (policy for policy in policies if "@" in policy):
+        policy = less.partition("@")[0]
+        trials = [
+            t for t in TRACKS["pipeline"].trials if {policy, less} <= ran(answers, t)
+        ]
+        if trials:
             cells = [
-                f"{tracks[track]:.2f}" if track in tracks else "–" for track in TRACKS
+                text(answers, [t], policy, than=less) if t in trials else "–"
+                for t in TRACKS["pipeline"].trials
             ]
-            rows.append((titled(policy), *cells))
+            rows.append(
+                (
+                    f"`{policy}` − `{less}`",
+                    text(answers, trials, policy, than=less),
+                    *cells,
+                )
+            )
+    heads = (f"`{trial}`" for trial in TRACKS["pipeline"].trials)
+    return Table(columns=("with − without", "all of these", *heads), rows=tuple(rows))
+
+
+def overview(answers: Answers) -> Table:
+    """Return the success of every policy that is in two tracks, by track."""
+    cells: dict[str, dict[str, str]] = {}
+    for track, content in TRACKS.items():
+        for policy in ranked(answers, content.trials):
+            share = text(answers, content.trials, policy)
+            cells.setdefault(policy, {})[track] = share
+    rows = [
+        (f"`{policy}`", *(shares.get(track, "–") for track in TRACKS))
+        for policy, shares in cells.items()
+        if len(shares) > 1
+    ]
     return Table(columns=("policy", *TRACKS), rows=tuple(rows))
 
 
-def separated(answers: Answers, names: Sequence[str]) -> str:
-    """Compare learners with the mean, seed by seed, by the protocol's criteria."""
-    shares: dict[str, list[float]] = {}
-    for policy in standings(answers, names):
-        successes = [
-            answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
-            for name, level in levels_of(names)
-        ]
-        common = sorted(set.intersection(*map(set, successes)))
-        shares[policy] = [fmean(share[seed] for share in successes) for seed in common]
-    learned = {p: seeds for p, seeds in shares.items() if p not in REFERENCES}
-    mean = learned.pop("mean")
-    shifts = {policy: mean_shift(seeds, mean) for policy, seeds in learned.items()}
-    corrected = holm([signed_rank(seeds, mean) for seeds in learned.values()])
-    groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}
-    for (policy, shift), p_value in zip(shifts.items(), corrected, strict=True):
-        differs = p_value <= 0.05 and abs(shift.estimate) >= SMALLEST_SHARE
-        better = "more" if shift.estimate > 0.0 else "less"
-        groups[better if differs else "not separated"].append(f"`{policy}`")
-    text = "; ".join(f"{name}: {', '.join(who)}" for name, who in groups.items() if who)
+def verdict(answers: Answers, track: str = "learner") -> str:
+    """Say whether a track measures learners, by the criteria of the protocol."""
+    trials = TRACKS[track].trials
+    shares = {p: by_seed(answers, trials, p) for p in ranked(answers, trials)}
+    mean = shares["mean"]
+    learners = [policy for policy in shares if policy not in (*REFERENCES, "mean")]
+    shifts = {policy: mean_shift(shares[policy], mean) for policy in learners}
+    corrected = holm([signed_rank(shares[policy], mean) for policy in learners])
+    groups: dict[str, list[str]] = {"more": [], "fewer": [], "not separated": []}
+    for policy, p_value in zip(learners, corrected, strict=True):
+        difference = shifts[policy].estimate
+        differs = p_value <= 0.05 and abs(difference) >= SMALLEST_SHARE
+        group = (
+            "not separated" if not differs else "fewer" if difference < 0 else "more"
+        )
+        groups[group].append(f"`{policy}`")
     best = max(shifts, key=lambda policy: shifts[policy].estimate)
-    lead, known = shifts[best], fmean(shares["oracle"])
-    apart = len(groups["more"]) + len(groups["less"])
-    measures = known >= 0.9 and lead.estimate >= 0.15 and lead.low > 0.0 and apart >= 4
-    verdict = "measure" if measures else "do not measure"
-    ends = " to ".join(f"{100 * end:+.0f}" for end in (lead.low, lead.high))
-    known_to = f"95 % interval {ends}" if math.isfinite(lead.low) else "few seeds"
+    known, mean_share = fmean(shares["oracle"]), fmean(mean)
+    apart = len(groups["more"]) + len(groups["fewer"])
+    leads = shifts[best].estimate >= 0.15 and shifts[best].low > 0.0
+    measures = known >= 0.9 and mean_share <= 0.6 and leads and apart >= 4
+    lead = text(answers, trials, best, than="mean").partition("\n")
+    who = "; ".join(f"{name}: {', '.join(of)}" for name, of in groups.items() if of)
     return (
-        f"Compared with the mean of the demonstrations (signed ranks of {len(mean)} "
-        f"seeds, Holm, 5 %, at least {100 * SMALLEST_SHARE:.0f} points), {text}. The "
-        f"best learner, `{best}`, opens {100 * lead.estimate:+.0f} points more than "
-        f"the mean ({known_to}); `oracle` opens {known:.2f}. By the "
-        f"criteria of the protocol these doors {verdict} learners."
+        f"**These doors {'measure' if measures else 'do not measure'} learners.** "
+        f"`oracle` opens {100 * known:.0f} % (required: at least 90 %), the mean of "
+        f"the demonstrations {100 * mean_share:.0f} % (at most 60 %). The best "
+        f"learner, `{best}`, opens {lead[0]} points more than `mean` (95 % interval "
+        f"{lead[2] or 'unknown'}; at least 15, and above zero). Separated from `mean`: "
+        f"{apart} learners (at least 4; signed ranks of {len(mean)} seeds, Holm, 5 %, "
+        f"at least {100 * SMALLEST_SHARE:.0f} points). Compared with `mean`, {who}."
     )
 
 
-def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
-    """Print Markdown: overviews of learners and of pipelines, and a table per track.
+def with_results(page: str, answers: Answers) -> str:
+    """Return a page with the present results between its marks."""
+    texts = dict.fromkeys(("verdict", "tracks"), NOT_RUN)
+    if answers:
+        tracks = markdown_table(overview(answers))
+        texts = {"verdict": verdict(answers), "tracks": tracks}
+    marked = r"(?s)(<!-- results: (\w+) -->\n).*?(?=\n<!-- end -->)"
+    return re.sub(marked, lambda mark: mark[1] + texts[mark[2]], page)
+
+
+def main(
+    files: tyro.conf.Positional[tuple[Path, ...]] = (), *, write: bool = False
+) -> None:
+    """Print a table per track as Markdown, or write the results in README.md.
 
     Args:
         files: Files trials.json of other people.
+        write: Write verdict and overview between the marks of README.md.
     """
-    answers = answers_of([STORED, *files])
-    print(f"## All tracks\n\n{markdown_table(overview(answers))}\n")
-    if (others := overview(answers, pipelines=True)).rows:
-        print(f"## Other pipelines\n\n{markdown_table(others)}\n")
-    for track, names in TRACKS.items():
-        if standings(answers, names):  # Others are not run yet.
-            table = markdown_table(leaderboard(answers, names))
-            print(f"## Track {track}\n\n{table}\n\n{separated(answers, names)}\n")
+    answers = answers_of([*filter(Path.exists, [STORED]), *files])
+    if write:
+        readme = ROOT / "README.md"
+        readme.write_text(with_results(readme.read_text(), answers))
+        return
+    for track in TRACKS:
+        for table in (leaderboard(answers, track), by_trial(answers, track)):
+            print(f"## Track {track}\n\n{markdown_table(table)}\n")
 
 
 if __name__ == "__main__":

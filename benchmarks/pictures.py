@@ -1,6 +1,6 @@
 """Images and videos for the documents; what they show is in pictures.toml.
 
-MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors,recordings}
+MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,recordings,readme,learners}
 
 All are drawn from logs of episodes. Without a screen MUJOCO_GL must be set before
 Python starts.
@@ -9,7 +9,6 @@ Python starts.
 import contextlib
 import io
 import itertools
-import re
 import subprocess
 import tempfile
 import time
@@ -18,9 +17,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import leaderboard
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from rerun.experimental import ViewerClient
 
@@ -28,15 +30,13 @@ from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import why_closed
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
-from gplfd_experiments.recording.comparison import record_comparison
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.recording.episode import record_episode
-from gplfd_experiments.recording.video import VideoFormat, write_video
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.protocol import (
     FIRST_SEED,
+    TRACKS,
     TRIALS,
     named_trials,
     trial_tasks,
@@ -250,39 +250,7 @@ def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
         film_trial(_IMAGES / f"films/{name}.gif", name, (320, 240))
 
 
-# --- Every door --------------------------------------------------------------
-
-_FORMAT: Final = VideoFormat(
-    size=(256, 192),
-    rate=10,
-    last=0.0,
-    encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
-)
-"""Format of the videos: about 10 kB each."""
-
-
-def doors() -> None:
-    """Film every door and write the table of the gallery page; takes some minutes."""
-    page = _IMAGES.parent / "gallery.md"
-    folder = page.parent / "episodes"
-    folder.mkdir(exist_ok=True)
-    rows = ["| door | `gp` | `gp-paper@published` |", "|---|---|---|"]
-    for door, config in named_doors(tuple(DOORS)).items():
-        cells = [door]
-        for policy in ("gp", "gp-paper@published"):
-            task = episode_task(door, config, policy=policy, seed=0)
-            log = episode_log(task)
-            name = f"{door}-{policy.partition('@')[0]}.mp4"
-            write_video(folder / name, log, model_of(task), _FORMAT)
-            outcome = why_closed(log.failure, log.reason) or "opened"
-            peak = np.abs(log.forces.force_radial).max()
-            angle = round(np.degrees(log.opening.door_angle[-1]))
-            text = f"{outcome}, {angle}° in {log.times[-1]:.1f} s, {peak:.0f} N"
-            cells.append(f"[{text}](episodes/{name})")
-        rows.append(f"| {' | '.join(cells)} |")
-    old = "(?s)(?<=<!-- every door: begin -->).*(?=<!-- every door: end -->)"
-    table = "\n".join(["\n", *rows, "\n"])
-    page.write_text(re.sub(old, lambda _: table, page.read_text()))
+# --- Recordings ---------------------------------------------------------------
 
 
 def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
@@ -304,28 +272,82 @@ def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
 
 
 def recordings() -> None:
-    """Draw recording.png, of one policy, and comparison.png, of six."""
-    others = ("kmp", "gmm-gp", "gmr", "local-gp", "dmp")
-    compared = ("gp", *(f"{name}@published" for name in others))
-    with tempfile.TemporaryDirectory() as temporary:
-        path = Path(temporary, "recording.rrd")
-        for name, door, policies, size, at in (
-            ("recording", "medium", ("gp",), "1400x864", 3.3),
-            ("comparison", "large", compared, "1500x900", 4.0),
-        ):
-            tasks = [
-                episode_task(door, DOORS[door], policy=policy, seed=0)
-                for policy in policies
-            ]
-            logs, model = [*map(episode_log, tasks)], model_of(tasks[0])
-            demonstrations = demonstrations_of(tasks[0]).demonstrations
-            if len(logs) == 1:
-                record_episode(path, logs[0], model, demonstrations)
-            else:
-                record_comparison(path, logs, model, demonstrations)
-            screenshot(path, size, at, _IMAGES / f"{name}.png")
+    """Draw recording.png, of `gp` at the medium door."""
+    task = episode_task("medium", DOORS["medium"], policy="gp", seed=0)
+    demonstrations = demonstrations_of(task).demonstrations
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "recording.rrd")
+        record_episode(path, episode_log(task), model_of(task), demonstrations)
+        screenshot(path, "1400x864", 3.3, _IMAGES / "recording.png")
+
+
+# --- README --------------------------------------------------------------------
+
+_PART, _CURVE = 400, 100  # Width of a part, and of 100 N below it [px].
+
+
+def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Image]:
+    """Return images of an episode at some times, with its force so far below each."""
+    settings = {name: scene[name] for name in ("base", "disturbance") if name in scene}
+    door, policy = DOORS[scene["door"]], scene["policy"]
+    task = episode_task(scene["door"], door, policy=policy, seed=0, **settings)
+    log = episode_log(task)
+    force = np.abs(getattr(log.forces, scene["curve"]))
+    rows = np.clip(np.searchsorted(log.times, times), 0, log.times.size - 1)
+    scale = [_PART / times[-1], -_CURVE / 100.0]
+    height, pages = 3 * _PART // 4, []
+    points = np.column_stack([log.times, force]) * scale + [0.0, height + _CURVE - 4]
+    model = model_of(task)
+    with contextlib.closing(
+        Camera(model, 2 * _PART, 2 * height, "overview", effects=True)
+    ) as camera:
+        for row, data in states(log, model, rows):
+            page = Image.new("RGB", (_PART, height + _CURVE), _PAPER)
+            image = Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
+            page.paste(image, (0, 0))
+            draw, font = ImageDraw.Draw(page), ImageFont.load_default(17)
+            draw.text((6, height + 4), scene["title"], _INK, font)
+            below = f"{force[row]:.0f} N {_NAMES[scene['curve']]}"
+            draw.text((6, height + 26), below, (180, 40, 30), font)
+            draw.line([*map(tuple, points[: row + 1 : 5])], (180, 40, 30), 3)
+            pages.append(page)
+    return pages
+
+
+def readme() -> None:
+    """Draw quartet.gif, four episodes side by side; takes two minutes."""
+    times = np.arange(0.0, _LONGEST, 1.5 * _EVERY)
+    parts = [part(scene, times) for scene in _SHOWN["quartet"]]
+    frames = [
+        Image.fromarray(np.vstack([np.hstack(images[:2]), np.hstack(images[2:])]))
+        for images in zip(*parts, strict=True)
+    ]
+    write_gif(_IMAGES / "quartet.gif", frames, 1.5 * _PERIOD, colours=128)
+
+
+def learners() -> None:
+    """Draw learners-doors.svg: the track of learners, with 95 % intervals."""
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.6), sharey=True)
+    trials = TRACKS["learner"].trials
+    answers = leaderboard.answers_of(filter(Path.exists, [leaderboard.STORED]))
+    policies = leaderboard.ranked(answers, trials)[::-1]
+    if not policies:
+        figure.suptitle("not run yet")
+    titles = {"success": "doors opened [%]", "force_radial_20ms": "force across [N]"}
+    for axis, (measure, title) in zip(axes, titles.items(), strict=True):
+        values = [leaderboard.by_seed(answers, trials, p, measure) for p in policies]
+        shifts = [leaderboard.typical(of, measure) for of in values]
+        means = [shift.estimate for shift in shifts]
+        ends = [
+            [s.estimate - s.low for s in shifts],
+            [s.high - s.estimate for s in shifts],
+        ]
+        axis.barh(policies, means, xerr=ends, color="tab:blue", ecolor="black")
+        axis.set_xlabel(title)
+    with complete_or_absent(_IMAGES / "learners-doors.svg") as temporary:
+        figure.savefig(temporary, format="svg", bbox_inches="tight")
 
 
 if __name__ == "__main__":
-    commands = (gallery, films, doors, recordings)
+    commands = (gallery, films, recordings, readme, learners)
     tyro.extras.subcommand_cli_from_dict({made.__name__: made for made in commands})

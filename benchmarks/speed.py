@@ -1,6 +1,6 @@
 """Speed of the method and of the environment: python benchmarks/speed.py [PARTS ...].
 
-Prints the times that docs/benchmark.md shows: medians over rounds. Actions run in turns
+Prints the times that docs/notes/speed.md shows: medians over rounds. Actions run in turns
 within one process, with one BLAS thread, so that other load slows all of them equally.
 """
 

@@ -16,14 +16,17 @@ import pytest
 import tyro
 from PIL import Image
 
+from gplfd_experiments.studies.trials import protocol
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
-leaderboard, pictures, robots, speed = map(
-    importlib.import_module, ("leaderboard", "pictures", "robots", "speed")
+sys.path.append(str(ROOT / "docs"))  # a hook of MkDocs
+leaderboard, measured, pictures, robots, speed = map(
+    importlib.import_module,
+    ("leaderboard", "measured", "pictures", "robots", "speed"),
 )
 
 
@@ -83,14 +86,14 @@ def test_tables_of_robots_are_written_into_their_pages(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("trial", TRIALS)
-def test_the_gallery_shows_every_trial(trial):
+def test_the_page_of_tasks_shows_every_condition(trial):
     task = pictures.task_of(trial)
     assert (task.policy, task.trial) == ("gp", trial)
     film = ROOT / "docs" / "images" / "films" / f"{trial}.gif"
     assert film.stat().st_size < 300_000
-    page = (ROOT / "docs" / "gallery.md").read_text()
-    assert f"### {trial}\n\n{TRIALS[trial].question} " in page
+    page = (ROOT / "docs" / "tasks.md").read_text()
     assert f"(images/films/{trial}.gif)" in page
+    assert f"{{{{ scored / {trial} }}}}" in page
 
 
 @pytest.mark.needs("opengl")
@@ -116,68 +119,122 @@ def test_a_scene_is_pictured_and_a_film_shows_the_hand_s_way(tmp_path, monkeypat
     assert blue[0] > 50
 
 
-def printed(capsys: pytest.CaptureFixture[str], *files: Path) -> str:
-    tyro.cli(leaderboard.main, args=[str(file) for file in files])
-    return capsys.readouterr().out.strip()
-
-
-def test_the_page_has_what_the_script_prints(capsys, monkeypatch):
-    """Of the comparisons with the mean, whose tests take seconds, that of one table."""
-    page = (ROOT / "docs" / "leaderboard.md").read_text()
-    answers = leaderboard.answers_of([leaderboard.STORED])
-    overview = leaderboard.markdown_table(leaderboard.overview(answers))
-    assert f"\n\n{overview}\n\n" in (ROOT / "README.md").read_text()
-    assert f"\n\n{leaderboard.separated(answers, TRACKS['other motions'])}\n\n" in page
-    monkeypatch.setattr(leaderboard, "separated", lambda *_: "SEPARATED")
-    page = re.sub(r"^Compared with the mean .*", "SEPARATED", page, flags=re.MULTILINE)
-    assert f"\n\n{printed(capsys)}\n\n" in page
+def results(shares: dict[str, float]) -> Any:
+    """Every condition with a share for each policy, which grows a little by seed."""
+    trials = {}
+    for name, trial in TRIALS.items():
+        policies = {}
+        for policy in {*shares, *protocol.taking_part(name)}:
+            share = shares.get(policy, 0.5)
+            seeds = {str(100 + n): share + 0.001 * n for n in range(10)}
+            numbers = {"estimate": share, "low": 0.0, "high": 1.0, "seeds": seeds}
+            policies[policy] = {"episodes": 10, "lost": 0}
+            policies[policy] |= dict.fromkeys(trial.measures, numbers)
+        trials[name] = {level: dict(policies) for level in trial.levels}
+    contrasts = [
+        {
+            "idea": of.idea,
+            "trial": name,
+            "measure": of.measure,
+            "p": 0.5,
+            "with": str(of.having),
+            "without": str(of.lacking),
+            "verdict": "open",
+            "estimate": 0.1,
+            "low": 0.0,
+            "high": 1.0,
+        }
+        for name, trial in TRIALS.items()
+        for of in trial.contrasts
+    ]
+    return {"protocol": protocol.VERSION, "trials": trials, "contrasts": contrasts}
 
 
 @pytest.mark.parametrize(
-    ("gain", "separated", "oracle", "measures"),
+    ("gain", "separated", "oracle", "mean", "measures"),
     [
-        (0.2, 4, 0.9, True),
-        (0.1, 4, 0.9, False),
-        (0.2, 3, 0.9, False),
-        (0.2, 4, 0.8, False),
+        (0.2, 4, 0.9, 0.5, True),
+        (0.1, 4, 0.9, 0.5, False),
+        (0.2, 3, 0.9, 0.5, False),
+        (0.2, 4, 0.8, 0.5, False),
+        (0.2, 4, 0.9, 0.7, False),
     ],
 )
-def test_the_criteria_of_the_protocol_decide(gain, separated, oracle, measures):
-    shares = {"oracle": oracle, "mean": 0.5}
-    shares |= {name: 0.5 + gain for name in ("gp", "gmr", "kmp", "dmp")[:separated]}
-    each: Any = {}
-    for policy, share in shares.items():
-        seeds = {str(seed): share + 0.001 * seed for seed in range(10)}
-        measure = {"estimate": share, "seeds": seeds}
-        measures_of = dict.fromkeys(("success", "force_handle_peak"), measure)
-        each[policy] = {"lost": 0, **measures_of}
-    answers = {"motions": dict.fromkeys(TRIALS["motions"].levels, each)}
-    text = leaderboard.separated(answers, ["motions"])
-    assert text.endswith("doors measure learners.") is measures
+def test_the_criteria_of_the_protocol_decide(gain, separated, oracle, mean, measures):
+    learners = dict.fromkeys(TRACKS["learner"].policies, mean)
+    learners |= dict.fromkeys(("gp", "gmr", "kmp", "dmp")[:separated], mean + gain)
+    shares = learners | {"oracle": oracle}
+    text = leaderboard.verdict(results(shares)["trials"])
+    assert text.startswith("**These doors measure learners.**") is measures
 
 
 def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
     """Between those that open more and less; with lost episodes it has none."""
-    # Its permutations take seconds, and the test above compares what it says.
-    monkeypatch.setattr(leaderboard, "separated", lambda *_: "")
-    stored = json.loads(leaderboard.STORED.read_text())["trials"]
-    for name in TRACKS["furniture"]:
-        for policies in stored[name].values():
-            if "oracle" in policies:  # not where there is a prior mean
-                policies["mine:make"] = {**policies["oracle"], "lost": 0}
-    theirs = tmp_path / "trials.json"
+    monkeypatch.setattr(leaderboard, "STORED", tmp_path / "none.json")
+    content, theirs = results({"oracle": 0.9, "mine:make": 0.8}), tmp_path / "a.json"
 
-    def write(protocol=leaderboard.PROTOCOL) -> Path:
-        theirs.write_text(json.dumps({"protocol": protocol, "trials": stored}))
-        return theirs
+    def printed() -> str:
+        theirs.write_text(json.dumps(content))
+        tyro.cli(leaderboard.main, args=[str(theirs)])
+        return capsys.readouterr().out
 
-    (track,) = re.findall(
-        r"## Track furniture\n(.*?)\n## ", printed(capsys, write()), re.S
+    learner = printed().split("## Track ")[1]
+    assert [row.split("`")[1] for row in learner.splitlines()[4:6]] == [
+        *("oracle", "mine:make"),
+    ]
+    assert "| `mine:make` | demonstrations | 80 %<br>80 to 81 |" in learner
+    content["trials"]["motions"]["flap"]["mine:make"]["lost"] = 1
+    assert "mine:make" not in printed().split("## Track ")[1]
+    content["protocol"] = 8
+    with pytest.raises(ValueError, match=r"of protocol 8, .* leaderboard of 1\.0"):
+        printed()
+
+
+def test_every_number_of_the_pages_has_a_result(tmp_path, monkeypatch):
+    """A number without a result is an error that names page and number."""
+    for file in (ROOT / "docs" / "results").glob("*.json"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    made = tmp_path / leaderboard.STORED.name
+    monkeypatch.setattr(measured, "RESULTS", tmp_path)
+    monkeypatch.setattr(leaderboard, "STORED", made)
+    pages = {page.name: page.read_text() for page in (ROOT / "docs").glob("*.md")}
+    for run in ([made] if made.exists() else []), [made]:
+        for name, text in pages.items():
+            written = measured.written(text, name)
+            assert "{{" not in written, name
+            assert "<!-- results:" not in written, name
+            assert not run or leaderboard.NOT_RUN not in written, name
+        made.write_text(json.dumps(results({})))
+    for macro in ("{{ trials-1.0 / radius / gpp / success }}", "<!-- results: no -->"):
+        with pytest.raises(KeyError, match=re.escape(f"a.md: {macro}")):
+            measured.written(macro, "a.md")
+    gp = measured.written("{{ trials-1.0 / learner / gp / success }}", "a.md")
+    assert gp == "50 % (50 to 51)"
+
+
+def test_the_readme_has_the_present_results():
+    answers = leaderboard.answers_of(filter(Path.exists, [leaderboard.STORED]))
+    readme = (ROOT / "README.md").read_text()
+    assert leaderboard.with_results(readme, answers) == readme
+    assert len(readme.splitlines()) <= 90
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/index.md", "docs/leaderboard.md", "docs/results.md"]
+)
+def test_no_measurement_is_typed(page):
+    """Numbers are macros or stand beside the file or commit that has them."""
+    text = re.sub(
+        r"(?s)```.*?```|<!-- results: \w+ -->\n[^\n]*\n<!-- end -->",
+        "",
+        (ROOT / page).read_text(),
     )
-    rows = track.splitlines()
-    places = {row.split(" | ")[0]: number for number, row in enumerate(rows)}
-    assert places["| `mine:make`"] == places["| `oracle` (learns nothing)"] - 1
-    stored["heavy"]["14 N"]["mine:make"]["lost"] = 1
-    assert "mine:make" not in printed(capsys, write())
-    with pytest.raises(ValueError, match=r"of protocol 8, .* leaderboard of 10"):
-        leaderboard.answers_of([write(protocol=8)])
+    text = measured.MACRO.sub("", text)
+    typed = r"(?<!at least )(?<!at most )\b\d[\d.]* ?(?:N|mm|%)(?![\w/]| interval)"
+    found = [
+        paragraph
+        for paragraph in re.split(r"\n\n|\n(?=\* )", text)
+        if re.search(rf"{typed}|\d of \d+ (?:doors|episodes)", paragraph)
+        and not re.search(r"results/[\w.-]+\.json|commit [0-9a-f]{7}", paragraph)
+    ]
+    assert found == []

@@ -261,7 +261,7 @@ def _published(resolution: float | None = None, **fields: Any) -> Pipeline:
     """Return the pipeline in which a method of others was published: few parts.
 
     The resolutions of the stiffness law [m] were chosen by one criterion and budget,
-    see "The resolution of the stiffness law" in docs/comparison.md.
+    see "The resolution of the stiffness law" in docs/notes/methods.md.
     """
     if resolution is not None:
         profile = partial(profile_of_spread, resolution=(resolution, 3e-2))

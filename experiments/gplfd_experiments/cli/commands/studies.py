@@ -84,7 +84,7 @@ class Trials:
     """
 
     trials: tuple[str, ...] = ()
-    """Trials to run, such as radius or heavy (docs/trials.md); by default all of the
+    """Trials to run, such as radius or heavy (docs/tasks.md); by default all of the
     part."""
 
     policies: tuple[str, ...] = ()

@@ -1,0 +1,204 @@
+"""Numbers of result files in the pages: a hook of MkDocs.
+
+``{{ FILE / … }}`` becomes a number of docs/results/FILE.json, and a line
+``<!-- results: NAME -->`` the table or text of `BLOCKS` with this name:
+
+    {{ trials-1.0 / TRIAL / LEVEL / POLICY / MEASURE }}    value, then its interval
+    {{ trials-1.0 / TRACK / POLICY / MEASURE }}            the same over a track
+    {{ trials-1.0 / TRIAL / with – without / MEASURE }}    a contrast
+    {{ trials-1.0 / episodes }}                            their number
+    {{ FILE / POLICY }}                                    doors opened, of rows
+    {{ scored / TRIAL }}                                   the measures of a condition
+
+Every measure has one statistic, that of benchmarks/leaderboard.py. As long as a file
+does not exist, its numbers are "not run yet"; a name that it lacks is an error.
+"""
+
+import itertools
+import re
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Final
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+import leaderboard as board
+
+from gplfd_experiments.analysis.results.statistics import number_text
+from gplfd_experiments.analysis.results.trials import MEASURES
+from gplfd_experiments.files.plain_data import read_json
+from gplfd_experiments.files.table import Table, markdown_table
+from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
+
+RESULTS: Final = Path(__file__).with_name("results")
+MACRO: Final = re.compile(r"\{\{ ([^{}]+) \}\}")
+BLOCK: Final = re.compile(r"<!-- results: ([\w -]+?) -->(?:\n.*?\n<!-- end -->)?", re.S)
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Put the numbers of results into a page."""
+    return written(markdown, page.file.src_uri)
+
+
+def written(markdown: str, name: str) -> str:
+    """Return a page with numbers; raise KeyError with its name and the macro."""
+
+    def with_name(write: Callable[[str], str]) -> Callable[[re.Match[str]], str]:
+        def put(mark: re.Match[str]) -> str:
+            try:
+                return write(mark[1])
+            except (KeyError, ValueError, IndexError) as error:
+                raise KeyError(f"{name}: {mark[0]}: no result {error}") from error
+
+        return put
+
+    return MACRO.sub(with_name(number), BLOCK.sub(with_name(block), markdown))
+
+
+def number(macro: str) -> str:
+    """Return what a macro asks for."""
+    file, *where = (part.strip() for part in macro.split(" / "))
+    if file == "scored":
+        return "; ".join(
+            MEASURES[measure].name for measure in TRIALS[where[0]].measures
+        )
+    path = RESULTS / f"{file}.json"
+    if not path.exists():
+        return board.NOT_RUN
+    content = read_json(path)
+    if "trials" not in content:
+        return _opened_of_rows(content["rows"], *where)
+    if where == ["episodes"]:
+        levels = itertools.chain(*(of.values() for of in content["trials"].values()))
+        return f"{sum(p['episodes'] for at in levels for p in at.values()):,}"
+    *place, measure = where
+    if " – " in place[-1]:
+        return _contrast(content["contrasts"], place[0], place[-1], measure)
+    if place[0] in TRACKS:
+        value = board.text(
+            content["trials"], TRACKS[place[0]].trials, place[1], measure
+        )
+        estimate, _, interval = value.partition("\n")
+        return f"{estimate} ({interval})" if interval else estimate
+    trial, level, policy = place
+    result = content["trials"][trial][level][policy][measure]
+    return _with_interval(result, measure)
+
+
+def _with_interval(result: Mapping[str, Any], name: str) -> str:
+    """Return an estimate with its unit, and its interval in brackets."""
+    measure = MEASURES[name]
+    scale, digits = (100.0, 0) if measure.share else (1.0, measure.digits)
+    unit = "%" if measure.share else measure.unit
+    space = " " * (unit not in ("", "°"))
+    ends = [result[end] for end in ("estimate", "low", "high")]
+    texts = [number_text(scale * x, digits) for x in ends if x is not None]
+    interval = f" ({texts[1]} to {texts[2]})" if len(texts) == 3 else ""
+    return f"{texts[0]}{space}{unit}{interval}" if texts else "–"
+
+
+def _contrast(contrasts: Any, trial: str, sides: str, measure: str) -> str:
+    """Return the difference of two policies, its interval, and p after Holm."""
+    having, lacking = sides.split(" – ")
+    wanted = (trial, having, lacking, measure)
+    for row in contrasts:
+        if (row["trial"], row["with"], row["without"], row["measure"]) == wanted:
+            text = _with_interval(row, measure).replace(" %", " points")
+            plus = "+" * ((row["estimate"] or 0.0) > 0.0)
+            return f"{plus}{text}, {_p(row['p'])}"
+    raise KeyError(sides)
+
+
+def _p(value: float) -> str:
+    return "p < 0.001" if value < 0.001 else f"p {value:.3f}"
+
+
+def _opened_of_rows(rows: Any, policy: str) -> str:
+    """Return how many doors a policy opened, of all in the rows."""
+    outcomes = [row["opened"] for row in rows if row["policy"] == policy]
+    if not outcomes:
+        raise KeyError(policy)
+    if isinstance(outcomes[0], bool):
+        return f"{sum(outcomes)} of {len(outcomes)} doors"
+    return f"{100.0 * fmean(outcomes):.0f} %"
+
+
+def contrasts(track: str) -> Table:
+    """Return every contrast of a track."""
+    words = {"shows": "better with it", "harms": "worse with it", "open": "–"}
+    rows = [
+        (
+            row["idea"],
+            f"`{row['trial']}`",
+            f"`{row['with']}` – `{row['without']}`",
+            MEASURES[row["measure"]].name,
+            number(
+                f"{board.STORED.stem} / {row['trial']} / "
+                f"{row['with']} – {row['without']} / {row['measure']}"
+            ),
+            words[row["verdict"]],
+        )
+        for row in read_json(board.STORED)["contrasts"]
+        # As in answers_by_trial: a trial in two tracks counts in the second.
+        if [t for t, of in TRACKS.items() if row["trial"] in of.trials][-1] == track
+    ]
+    heads = ("idea", "trial", "with – without", "measure", "difference", "verdict")
+    return Table(columns=heads, rows=tuple(rows), left=True)
+
+
+def prototypes() -> Table:
+    """Return doors opened and radial force at every prototype of the search."""
+    shown = ("oracle", "mean", "mean@no-size", "gp", "gp@no-size")
+    rows: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for row in read_json(RESULTS / "prototypes.json")["rows"]:
+        rows.setdefault(row["prototype"], {})[row["policy"]] = row
+
+    def cell(row: Mapping[str, Any]) -> str:
+        return f"{100.0 * row['opened']:.0f} %\n{row['radial']:.1f} N"
+
+    lines = []
+    for name, policies in rows.items():
+        learners = [
+            p for p in policies if p.partition("@")[0] not in ("oracle", "mean")
+        ]
+        # Of equal shares that with the smallest force.
+        best = min(
+            learners, key=lambda p: (-policies[p]["opened"], policies[p]["radial"])
+        )
+        cells = [cell(policies[policy]) for policy in shown]
+        lines.append((name, *cells, f"`{best}`\n{cell(policies[best])}"))
+    heads = (f"`{policy}`" for policy in shown)
+    return Table(columns=("prototype", *heads, "best learner"), rows=tuple(lines))
+
+
+def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
+    """Return what makes a table of the present protocol, once it was run."""
+
+    def made(*track: str) -> Table | str:
+        if not board.STORED.exists():
+            return board.NOT_RUN
+        return make(board.answers_of([board.STORED]), *track)
+
+    return made
+
+
+BLOCKS: Final[Mapping[str, Callable[..., Table | str]]] = {
+    "contrasts": _of_answers(lambda _, track: contrasts(track)),
+    "parts": _of_answers(board.parts),
+    "prototypes": prototypes,
+    "track": _of_answers(board.leaderboard),
+    "tracks": _of_answers(board.overview),
+    "trials": _of_answers(board.by_trial),
+    "verdict": _of_answers(board.verdict),
+}
+"""Tables and texts by the first word of the names that pages use; some need a track."""
+
+
+def block(name: str) -> str:
+    """Return a table or text of the results as Markdown."""
+    kind, *track = name.split()
+    if kind not in BLOCKS or not set(track) <= set(TRACKS):
+        raise KeyError(name)
+    made = BLOCKS[kind](*track)
+    return made if isinstance(made, str) else markdown_table(made)
