@@ -15,7 +15,8 @@ class EpisodeSettings:
     """Doors to open: names (`gplfd list`), radii [m], or .json files."""
 
     policy: str = "gp"
-    """Policy: a name from `gplfd list`, or module:function for your own."""
+    """Policy: a name from `gplfd list`, module:function for your own, or
+    ws://HOST:PORT of a server (openpi protocol)."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""

@@ -278,8 +278,8 @@ def trial_tasks(
     """Return the episodes of trials; the seed varies slowest.
 
     ``only`` replaces the policies, without levels in which one of them cannot take
-    part. ``seeds`` replaces the number of seeds of the part. Another `robot` opens the
-    same doors.
+    part; their sources are then left out. ``seeds`` replaces the number of seeds of the
+    part. Another `robot` opens the same doors.
     """
     plan = PARTS[part]
     doors = {
@@ -325,7 +325,7 @@ def trial_tasks(
                 episode_task(
                     door,
                     config,
-                    **policy_fields(policy),
+                    **({"policy": policy} if only else policy_fields(policy)),
                     seed=seed,
                     teacher=standard_teacher() | dict(level.teacher),
                     robot=robot,
