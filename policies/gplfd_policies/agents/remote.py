@@ -71,7 +71,8 @@ class ChunkAgent:
         if form not in FORMS:
             forms = ", ".join(FORMS)
             raise ValueError(f"its metadata have control {form!r:.40}, not of {forms}")
-        self._form, self._disconnect = form, lambda: None
+        self._form = form
+        self._disconnect: Any = str
         self.control: Control = "impedance" if form == "impedance" else "pose"
         self._rendering = VirtualRendering(DEFAULT_DYNAMICS, CONTROL_PERIOD)
 

@@ -84,6 +84,16 @@ def module_policy(name: str, folder: Path) -> Policy:
     return replace(policy, origin=origin)
 
 
+def module_files(name: str, folder: Path) -> dict[str, bytes]:
+    """Return the files of a user's policy by their paths from a folder; none if absent.
+
+    They are read and not imported.
+    """
+    module, first, _ = _place(split_name(name)[0], folder)
+    files = _module_files(module, first)
+    return {os.path.relpath(file, folder): file.read_bytes() for file in files}
+
+
 def server_policy(address: str, metadata: str) -> Policy:
     """Return the policy of a server that states its metadata, without connecting."""
     return Policy(

@@ -45,7 +45,8 @@ def serve_openpi(agent: Agent, settings: ServeSettings, journal: Journal) -> Non
 
     gc.collect()
     gc.freeze()
-    host, options = settings.host, {"compression": None, "max_size": LARGEST}
+    host = settings.host
+    options: Any = {"compression": None, "max_size": LARGEST}
     with serve(handle, host, settings.port, **options) as server:
         port = server.socket.getsockname()[1]
         address = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
