@@ -30,7 +30,8 @@ from gplfd_experiments.studies.sources import chosen
 from gplfd_experiments.studies.trials.protocol import VERSION
 from gplfd_experiments.workflows.settings import Card
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.registry.catalogue import module_files
+from gplfd_policies.registry.built_in import POLICIES
+from gplfd_policies.registry.catalogue import module_files, split_name
 
 TOLERANCE: Final = 0.1
 """Largest difference of numbers of results from another processor: 0.1 in their unit
@@ -50,10 +51,8 @@ def submit(folder: Path, out: Path, card: Card, files: Sequence[Path]) -> list[s
     Returns what does not follow the protocol; then nothing is written.
     """
     if absent := [name for name, value in asdict(card).items() if not value]:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in absent)
-        raise ValueError(
-            f"a submission must state {options}, or have a --card that does"
-        )
+        names = ", ".join(absent)
+        raise ValueError(f"a submission must state {names}, by options or a --card")
     results, here = read_results(folder), Path.cwd()
     if problems := protocol_problems(results):
         return problems
@@ -69,12 +68,8 @@ def submit(folder: Path, out: Path, card: Card, files: Sequence[Path]) -> list[s
     members |= {f"policies/{Path(x).as_posix()}": attached[x] for x in sorted(attached)}
     lines = [f"{name} = {json.dumps(value)}\n" for name, value in asdict(card).items()]
     members["card.toml"] = "".join(lines).encode()
-    about = {
-        **plain_data.stamp(*_STAMP),
-        "protocol": VERSION,
-        "files": _hashes(members),
-    }
-    text = plain_data.json_text({**about, **code_state()})
+    about = {"protocol": VERSION, "files": _hashes(members), **code_state()}
+    text = plain_data.json_text({**plain_data.stamp(*_STAMP), **about})
     for name in (members := {"submission.json": text.encode(), **members}):
         if not _MEMBERS.fullmatch(name):
             raise ValueError(
@@ -84,8 +79,7 @@ def submit(folder: Path, out: Path, card: Card, files: Sequence[Path]) -> list[s
     with complete_or_absent(out) as temporary, zipfile.ZipFile(temporary, "w") as file:
         for name, content in members.items():
             # Without a date: the same results give the same bytes.
-            info = zipfile.ZipInfo(name)
-            file.writestr(info, content, zipfile.ZIP_DEFLATED)
+            file.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
     return []
 
 
@@ -97,23 +91,21 @@ def verify(path: Path, seed: int, engine: Engine, *, trust: bool) -> list[str]:
     with plain_data.naming(path), tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         if changed := _extract(path, folder):
-            return [
-                f"{name}: changed, its hash is not the stated one" for name in changed
-            ]
+            return [f"{name}: changed, not of the stated hash" for name in changed]
         plain_data.read_toml(folder / "card.toml")
         results = read_results(folder)
-        sources = {e.policy: e.policy_source for e in results.episodes}
-        foreign = [f"{name} ({sources[name]})" for name in sources if sources[name]]
+        # By their names: what an archive says of their sources may be wrong.
+        names = {episode.policy for episode in results.episodes}
+        foreign = sorted(name for name in names if split_name(name)[0] not in POLICIES)
         if foreign and not trust:
             raise ValueError(
-                f"it runs foreign policies: {'; '.join(foreign)}. Read what is in its "
+                f"it runs foreign policies: {', '.join(foreign)}. Read what is in its "
                 "folder policies, and add --trust to run them"
             )
         (folder / "policies").mkdir(exist_ok=True)
         with contextlib.chdir(folder / "policies"):
-            return protocol_problems(results) or _differences(
-                results, folder / "again", seed, engine
-            )
+            problems = protocol_problems(results)
+            return problems or _differences(results, folder / "again", seed, engine)
 
 
 def _extract(path: Path, folder: Path) -> list[str]:
@@ -122,9 +114,9 @@ def _extract(path: Path, folder: Path) -> list[str]:
         with zipfile.ZipFile(path) as file:
             sizes = {info.filename: info.file_size for info in file.infolist()}
             if strange := [name for name in sizes if not _MEMBERS.fullmatch(name)]:
-                raise ValueError(f"it is no submission: it has {strange[0]!r:.80}")
+                raise KeyError(f"it has {strange[0]!r:.80}")
             if len(sizes) != len(file.infolist()) or sum(sizes.values()) > _LARGEST:
-                raise ValueError("it has a file twice, or more than a gigabyte")
+                raise KeyError("it has a file twice, or more than a gigabyte")
             members = {name: file.read(name) for name in sizes}
         about = plain_data.parsed_json(members.pop("submission.json").decode())
         plain_data.check_stamp(about, *_STAMP)
@@ -136,9 +128,7 @@ def _extract(path: Path, folder: Path) -> list[str]:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
-    actual = _hashes(members)
-    names = sorted(actual.keys() | stated.keys())
-    return [name for name in names if actual.get(name) != stated.get(name)]
+    return sorted({name for name, _ in _hashes(members).items() ^ stated.items()})
 
 
 def _hashes(members: Mapping[str, bytes]) -> dict[str, str]:
@@ -154,12 +144,11 @@ def _differences(
     LOG.info("running %d of %d tasks again, --seed %d", len(drawn), len(before), seed)
     for _ in run_study(again, [before[key].task for key in drawn], engine):
         pass
-    differences = []
+    differences, codes = [], set()
     for after in read_results(again).episodes:
         task, stored = after.task, before[after.task.key]
+        codes |= {stored.code, after.code}
         exact = stored.machine == after.machine
-        if stored.code != after.code:
-            LOG.warning("warning: made by %s, run by %s", stored.code, after.code)
         pairs: dict[str, Any] = {"error": (bool(stored.error), bool(after.error))}
         for name in stored.metrics.keys() | after.metrics.keys():
             if not name.startswith(("latency_", "cpu_")):
@@ -168,13 +157,15 @@ def _differences(
         differences += [
             f"{where}: {name} is {old}, and {new} when it is run again {after.error}"
             for name, (old, new) in sorted(pairs.items())
-            if not (old == new or (not exact and _close(old, new)))
+            if not (old == new if exact else _close(old, new))
         ]
+    if len(codes) > 1:
+        LOG.warning("warning: of different code: %s", "; ".join(sorted(codes)))
     return differences
 
 
 def _close(old: Any, new: Any) -> bool:
-    """Return whether numbers are equal to the tolerance; forecasts are not compared."""
-    if isinstance(old, list) or not (type(old) is type(new) is float):
-        return isinstance(old, list)
-    return math.isclose(old, new, rel_tol=1e-3, abs_tol=TOLERANCE)
+    """Return whether values are equal to the tolerance, or lists, as of forecasts."""
+    if isinstance(old, float) and isinstance(new, float):
+        return math.isclose(old, new, rel_tol=1e-3, abs_tol=TOLERANCE)
+    return old == new or isinstance(old, list | tuple)
