@@ -1,7 +1,8 @@
 """Speed of the method and of the environment: python benchmarks/speed.py [PARTS ...].
 
-Prints the times that docs/notes/speed.md shows: medians over rounds. Actions run in turns
-within one process, with one BLAS thread, so that other load slows all of them equally.
+Prints the times that docs/notes/speed.md shows: medians over rounds. Actions run in
+turns within one process, with one BLAS thread, so that other load slows all of them
+equally.
 """
 
 import copy
