@@ -128,18 +128,13 @@ def _opened_of_rows(rows: Any, policy: str) -> str:
 def by_trial(answers: board.Answers, track: str) -> Table:
     """Return a row per policy: success and the deciding measure in every trial."""
     trials = {t: ("success", deciding_measure(TRIALS[t])) for t in TRACKS[track].trials}
-    rows = [
-        (
-            f"`{policy}`",
-            *(
-                "\n".join(
-                    board.cell(answers, [t], policy, measure) for measure in measures
-                )
-                for t, measures in trials.items()
-            ),
-        )
-        for policy in board.ranked(answers, [*trials])
-    ]
+    rows = []
+    for policy in board.ranked(answers, [*trials]):
+        cells = [
+            "\n".join(board.cell(answers, [trial], policy, m) for m in measures)
+            for trial, measures in trials.items()
+        ]
+        rows.append((f"`{policy}`", *cells))
     return Table(columns=("policy", *(f"`{t}`" for t in trials)), rows=tuple(rows))
 
 
