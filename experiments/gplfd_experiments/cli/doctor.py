@@ -40,6 +40,7 @@ EXTRAS: Final[Mapping[str, str]] = {
     "learners": "the diffusion policy of the examples",
     "warp": "doors on a GPU (experimental)",
     "video": "videos of `gplfd run --video`",
+    "remote": "policies behind a WebSocket",
 }
 """Extras of this package and their purpose, without those for developers."""
 

@@ -20,7 +20,15 @@ import docstring_parser
 import tyro
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from gplfd_experiments.cli.commands import demos, export, machine, run, studies, teach
+from gplfd_experiments.cli.commands import (
+    demos,
+    export,
+    machine,
+    run,
+    studies,
+    submissions,
+    teach,
+)
 from gplfd_experiments.console.progress import LOG
 
 BAD_INPUT: Final = 2  # Exit status for bad arguments or files.
@@ -35,6 +43,8 @@ COMMANDS: Final[Mapping[str, type[Any]]] = {
     "benchmark": studies.Benchmark,
     "trials": studies.Trials,
     "report": studies.Report,
+    "submit": submissions.Submit,
+    "verify": submissions.Verify,
     "figures": studies.Figures,
     "demos": demos.Demos,
     "doors": demos.Doors,

@@ -32,6 +32,7 @@ from gplfd_experiments.studies.sources import (
     Files,
     ProcessEndedError,
     call_apart,
+    in_own_process,
     policy_of,
 )
 from gplfd_experiments.studies.store import RESULT_STAMP
@@ -57,7 +58,7 @@ def run_job(
     A user's policy runs in a process of its own. The files contain policies that this
     machine may lack; the recordings are for `RecordedTask`s.
     """
-    if job[0].policy_source is None:
+    if not in_own_process(job[0]):
         return _run(job, files, recordings)
     try:
         policy = job[0].policy, Path.cwd(), repr(job[0].policy_source)
@@ -78,7 +79,7 @@ def _run(
 ) -> list[Result]:
     """Run a job in this process, with time limits of its learnings and steps."""
     # In the process of a user's policy, an interruption is the policy's, too.
-    users = job[0].policy_source is not None
+    users = in_own_process(job[0])
     errors = (BaseException,) if users else (Exception, SystemExit)
     policy: Policy | None = None
     try:

@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from gplfd_experiments.episodes.task import PolicySource, Task
+from gplfd_policies.agents.remote import is_address
 from gplfd_policies.registry.built_in import POLICIES
-from gplfd_policies.registry.catalogue import policy_named, split_name
+from gplfd_policies.registry.catalogue import policy_named, server_policy, split_name
 from gplfd_policies.registry.method import Policy
 
 LEARNING_LIMIT, STEP_LIMIT = 900.0, 60.0
@@ -175,6 +176,8 @@ def chosen(name: str) -> Choice:
 
 @functools.cache
 def _chosen(name: str, folder: Path) -> Choice:
+    if is_address(name):
+        return _choice(server_policy(name, "{}"))
     if split_name(name)[0] in POLICIES:
         return _choice(policy_named(name))
     try:
@@ -207,7 +210,14 @@ def _choice(policy: Policy) -> Choice:
 
 def policy_fields(name: str) -> dict[str, Any]:
     """Return the fields of a task that identify a policy and its content."""
-    return {"policy": name, "policy_source": chosen(name).source}
+    source = _stated(name) if is_address(name) else chosen(name).source
+    return {"policy": name, "policy_source": source}
+
+
+@functools.cache
+def _stated(address: str) -> PolicySource | None:
+    """Return address and metadata of a server, which must answer."""
+    return source_of(policy_named(address))
 
 
 def source_of(policy: Policy) -> PolicySource | None:
@@ -215,7 +225,7 @@ def source_of(policy: Policy) -> PolicySource | None:
     origin = policy.origin
     if origin is None or origin.kind == "built-in":
         return None
-    names = ("kind", "distribution", "version", "file", "sha256")
+    names = ("kind", "distribution", "version", "file", "sha256", "metadata")
     source = {name: getattr(origin, name) for name in names}
     source["file"] = Path(origin.file).name
     return {name: text for name, text in source.items() if text}
@@ -227,8 +237,16 @@ def files_of(study: Iterable[Task]) -> Files:
     return {name: file for name in names if (file := chosen(name).file)}
 
 
+def in_own_process(task: Task) -> bool:
+    """Return whether a policy is a user's code, and not this project's or a server."""
+    return (task.policy_source or {"kind": "server"})["kind"] != "server"
+
+
 def policy_of(task: Task, files: Files) -> Policy:
     """Return the policy of a task in this process, possibly on another machine."""
+    planned = task.policy_source or {}
+    if planned.get("kind") == "server":  # What it answers is its episodes' matter.
+        return server_policy(task.policy, planned["metadata"])
     try:
         policy = policy_named(task.policy)
         if (here := source_of(policy)) != task.policy_source:
@@ -240,7 +258,6 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-        planned = task.policy_source or {}
         policy = _sent(task.policy, planned["file"], files[task.policy])
         if (source_of(policy) or {}).get("sha256") != planned.get("sha256"):
             raise  # It imports other files, which differ on this machine.

@@ -15,7 +15,8 @@ class EpisodeSettings:
     """Doors to open: names (`gplfd list`), radii [m], or .json files."""
 
     policy: str = "gp"
-    """Policy: a name from `gplfd list`, or module:function for your own."""
+    """Policy: a name from `gplfd list`, module:function for your own, or
+    ws://HOST:PORT of a server (openpi protocol)."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
@@ -70,3 +71,24 @@ class RecordSettings(EpisodeSettings):
 
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
     """Replace an existing data set."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Card:
+    """What a submission states of itself: all of it, by options or by a file."""
+
+    authors: tuple[str, ...] = ()
+    """Names of the authors."""
+
+    code: str = ""
+    """Where code and weights are published: an address, and a commit."""
+
+    training_data: str = ""
+    """What the policy was trained with, and for how long."""
+
+    knowledge: tuple[
+        Literal["demonstrations", "data", "simulator", "mechanism", "door"], ...
+    ] = ()
+    """What it has learned from or knows: demonstrations (those of the trial), data
+    (others), simulator (trained or tuned in it), mechanism (that doors turn about a
+    hinge), door (the true door)."""

@@ -15,10 +15,11 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.validation.fields import real_array
-from gplfd_policies.adaptation.gridded import GriddedMovement
-from gplfd_policies.agents.handles import controller_of
+from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.agents.handles import HandleLoad, HandleMovements
 from gplfd_policies.arrays.rows import Rows, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
+from gplfd_policies.control.load import ForceForecast
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import (
     PhaseStiffness,
@@ -156,6 +157,27 @@ _WANTED: Final = {
 }
 
 
+def _controller_of(
+    movements: GriddedMovement | Sequence[GriddedMovement],
+    phases: PhaseRule,
+    config: ComplianceConfig,
+    handles: Sequence[TurnedHandle],
+    forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
+) -> ComplianceController:
+    """Return the controller of one hand or many, for turning handles or without any."""
+    forecast = None
+    if forces is not None:
+        forecast = ForceForecast(GriddedMovements(forces), config.force_std)
+    if not handles:
+        paths = GriddedMovements(movements)
+        load = config.load.begin(config.profile, paths.numbers.shape)
+        return ComplianceController(paths, phases, load, config, forecast)
+    turning = HandleMovements(movements, handles)
+    return ComplianceController(
+        turning, phases, HandleLoad(config, turning), config, forecast
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
@@ -178,7 +200,7 @@ class CompliantAgent:
     def __post_init__(self) -> None:
         handle = turned_handle(self.movement.learned.aligned)
         handles = [] if handle is None else [handle]
-        controller = controller_of(
+        controller = _controller_of(
             self.movement, self.phases, self.config, handles, self.forces
         )
         object.__setattr__(self, "handle", handle)
@@ -263,7 +285,7 @@ class _VectorisedBatch(AgentBatch):
         super().__init__(agents)
         first = agents[0]
         profiles = [agent.config.profile for agent in agents]
-        self._controller = controller_of(
+        self._controller = _controller_of(
             [agent.movement for agent in agents],
             first.phases.stacked([agent.phases for agent in agents]),
             replace(first.config, profile=StiffnessProfile.stacked(profiles)),

@@ -1,7 +1,7 @@
 """Movements and load of hands that open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` does not model a handle;
-`controller_of` gives it movements and a load that do.
+The controller of `gplfd_policies.control.compliance` does not model a handle; these
+movements and this load do.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,10 @@ from gplfd_policies.adaptation.gridded import (
 )
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
-from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
-from gplfd_policies.control.load import ContactState, ForceForecast, Load, LoadResponse
+from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.load import ContactState, Load, LoadResponse
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.movement import ViaPoint
-from gplfd_policies.phase.phase_rule import PhaseRule
 
 _SERVO_LAG: Final = 0.012
 """Lag of a hand that turns a handle behind its command: 24 N of the servo [m]."""
@@ -41,27 +40,6 @@ INSISTENCE_RATE: Final = 20.0
 """Rate at which the hand pulls harder at a door that does not move [N/s]."""
 GIVING_UP: Final = 68.0
 """Force at which it gives up [N]: half a second after the 58 N that the arm carries."""
-
-
-def controller_of(
-    movements: GriddedMovement | Sequence[GriddedMovement],
-    phases: PhaseRule,
-    config: ComplianceConfig,
-    handles: Sequence[TurnedHandle],
-    forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
-) -> ComplianceController:
-    """Return the controller of one hand or many, for turning handles or without any."""
-    forecast = None
-    if forces is not None:
-        forecast = ForceForecast(GriddedMovements(forces), config.force_std)
-    if not handles:
-        paths = GriddedMovements(movements)
-        load = config.load.begin(config.profile, paths.numbers.shape)
-        return ComplianceController(paths, phases, load, config, forecast)
-    turning = HandleMovements(movements, handles)
-    return ComplianceController(
-        turning, phases, HandleLoad(config, turning), config, forecast
-    )
 
 
 class HandleMovements(GriddedMovements):

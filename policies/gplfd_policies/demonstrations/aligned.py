@@ -6,6 +6,7 @@ extrapolation is measured by cutting demonstrations and comparing with the rest.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -57,7 +58,7 @@ class AlignedDemonstrations:
     """Periods that were left out of each demonstration; empty if rests were kept."""
     end: float = 1.0
     """Phase at which the demonstrations end and their continuation begins."""
-    drift: Pose = field(default_factory=lambda: np.zeros(6))
+    drift: Pose = field(default_factory=partial(np.zeros, 6))
     """Standard deviation that the continuation gains per phase [m, rad]."""
     clocks: Float[np.ndarray, "K M"] | None = None
     """Time of each demonstration at the phases, as a share of its duration."""

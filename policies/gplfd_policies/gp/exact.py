@@ -338,13 +338,10 @@ def _maximise(
     """Return kernel and noise scale c of greatest evidence; 1 without replicates."""
     free = 2 if replicates is None else 3
 
-    def model(theta: np.ndarray) -> tuple[RBF, float]:
-        length, signal, *noise = np.exp(theta).tolist()
-        return RBF(length_scale=length, signal_std=signal), noise[0] if noise else 1.0
-
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        kernel, scale = model(theta)
-        value, gradient = evidence(kernel, scale)
+        length, signal, *noise = np.exp(theta).tolist()
+        scale = noise[0] if noise else 1.0
+        value, gradient = evidence(RBF(length_scale=length, signal_std=signal), scale)
         if replicates is not None:
             size, within = len(replicates.times), float(np.sum(replicates.within))
             value += replicates.log_remainder(np.full(size, scale))
@@ -361,4 +358,5 @@ def _maximise(
     result = scipy.optimize.minimize(
         objective, best, jac=True, method="L-BFGS-B", bounds=bounds
     )
-    return model(result.x)
+    length, signal, *noise = np.exp(result.x).tolist()
+    return RBF(length_scale=length, signal_std=signal), noise[0] if noise else 1.0

@@ -7,6 +7,7 @@ pipeline, a function from `gplfd_policies.TrainingInput` to an agent, a
 * ``module:attribute`` or ``path/to/file.py:attribute`` names it in a user's file. Only
   during the import, the file's folder is first on Python's path.
 * A package offers it by name in the entry-point group ``gplfd_policies``.
+* ``ws://HOST:PORT`` is a server, see `gplfd_policies.agents.remote`.
 
 The origin of a policy contains a hash of its module and of the files in its folder that
 it imports, and so on. They are found by reading, so that the hash does not depend on
@@ -31,6 +32,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+from gplfd_policies.agents import remote
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
@@ -80,6 +82,25 @@ def module_policy(name: str, folder: Path) -> Policy:
             sys.path.remove(str(first))
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
     return replace(policy, origin=origin)
+
+
+def module_files(name: str, folder: Path) -> dict[str, bytes]:
+    """Return the files of a user's policy by their paths from a folder; none if absent.
+
+    They are read and not imported.
+    """
+    module, first, _ = _place(split_name(name)[0], folder)
+    files = _module_files(module, first)
+    return {os.path.relpath(file, folder): file.read_bytes() for file in files}
+
+
+def server_policy(address: str, metadata: str) -> Policy:
+    """Return the policy of a server that states its metadata, without connecting."""
+    return Policy(
+        summary=f"the server at {address}",
+        make=lambda training: remote.ChunkAgent(address, metadata),
+        origin=PolicyOrigin(name=address, kind="server", metadata=metadata),
+    )
 
 
 def packaged_policy(name: str) -> Policy | None:
@@ -315,9 +336,10 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
 
     Args:
         name: A key of `POLICIES`; a name that an installed package offers in the
-            entry-point group ``gplfd_policies``; or ``module:attribute`` or
-            ``path/to/file.py:attribute``. After an @ follows another pipeline than the
-            default one, as in ``gp@no-size`` (`built_in.in_pipeline`).
+            entry-point group ``gplfd_policies``; ``module:attribute`` or
+            ``path/to/file.py:attribute``; or ``ws://HOST:PORT``. After an @ follows
+            another pipeline than the default one, as in ``gp@no-size``
+            (`built_in.in_pipeline`).
         folder: Folder that is searched first; by default the working folder.
 
     Raises:
@@ -332,6 +354,8 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         return replace(changed, origin=replace(origin, name=f"{name}@{pipeline}"))
     if name in POLICIES:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
+    if remote.is_address(name):
+        return server_policy(name, remote.stated_metadata(name))
     if ":" in name:
         return module_policy(name, Path(folder or "").absolute())
     if name.endswith(".py"):

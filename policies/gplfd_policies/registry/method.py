@@ -366,8 +366,9 @@ class PolicyOrigin:
 
     name: str
     """The name under which it was requested."""
-    kind: Literal["built-in", "package", "module"] = "built-in"
-    """An entry of `POLICIES`, a package's entry point, or part of a user's module."""
+    kind: Literal["built-in", "package", "module", "server"] = "built-in"
+    """An entry of `POLICIES`, a package's entry point, part of a user's module, or the
+    server at an address."""
     folder: str = ""
     """Folder in which the module was searched first."""
     file: str = ""
@@ -377,11 +378,13 @@ class PolicyOrigin:
     distribution: str = ""
     """Name of the installed package, and its version."""
     version: str = ""
+    metadata: str = ""
+    """What the server states, as JSON."""
 
     @property
-    def content(self) -> tuple[str, str]:
+    def content(self) -> tuple[str, ...]:
         """Data that must be equal if two origins are of the same policy."""
-        return self.version, self.sha256
+        return self.version, self.sha256, self.metadata
 
     def __str__(self) -> str:
         package = f"{self.distribution} {self.version}, " if self.version else ""

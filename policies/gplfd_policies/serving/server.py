@@ -16,6 +16,7 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
 )
 from gplfd_policies.registry.catalogue import make_agent, method_and_skill, policy_named
+from gplfd_policies.serving.openpi import serve_openpi
 from gplfd_policies.serving.protocol import (
     Connection,
     Journal,
@@ -183,14 +184,16 @@ def serve(
             stack.callback(sys.stdout.flush)
             link = Connection(0, output)
         agent = served_agent(settings, demonstrations)
+        journal = Journal(settings.journal, {"settings": settings.described()})
+        stack.callback(journal.close)
+        if settings.protocol == "openpi":
+            return serve_openpi(agent, settings, journal)
         if link is None:
             listener, address = listening(settings)
             stack.enter_context(listener)
             if settings.socket is not None:
                 stack.callback(settings.socket.unlink, missing_ok=True)
         session = Session(agent, settings, address)
-        journal = Journal(settings.journal, {"settings": settings.described()})
-        stack.callback(journal.close)
         where = "beyond this machine" if settings.beyond_loopback else "on this machine"
         served = f"serving {settings.source} ({agent.control} control) {where}"
         print(f"gplfd: {served}: {address}", file=sys.stderr, flush=True)

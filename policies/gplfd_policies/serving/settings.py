@@ -85,6 +85,11 @@ class ServeSettings(OperatorLimits):
     port: int | None = _option(
         None, "Listen on this TCP port instead; 0 for any free one."
     )
+    protocol: Literal["lines", "openpi"] = _option(
+        "lines",
+        "Lines of JSON (docs/serving.md), or openpi: a WebSocket on --port (8000 "
+        "unless given), MessagePack with arrays; pip install 'gplfd[remote]'.",
+    )
     host: str = _option("127.0.0.1", "Address of the TCP port.")
     beyond_loopback: bool = _option(
         False,
@@ -120,6 +125,12 @@ class ServeSettings(OperatorLimits):
             )
         if self.socket is not None and self.port is not None:
             raise ValueError("give --socket or --port, not both")
+        if self.protocol not in ("lines", "openpi"):
+            raise ValueError(f"--protocol {self.protocol} must be lines or openpi")
+        if self.protocol == "openpi" and self.socket is not None:
+            raise ValueError("--protocol openpi needs --port, and no --socket")
+        if self.protocol == "openpi" and self.port is None:
+            object.__setattr__(self, "port", 8000)
         if self.port is not None and not 0 <= self.port < 65536:
             raise ValueError(f"--port {self.port} must be from 0 to 65535")
         if self.host == "localhost":

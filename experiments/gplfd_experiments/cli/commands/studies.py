@@ -88,7 +88,8 @@ class Trials:
     part."""
 
     policies: tuple[str, ...] = ()
-    """Additional policies: names from `gplfd list`, or module:function."""
+    """Additional policies: names from `gplfd list`, module:function, or
+    ws://HOST:PORT of a server (openpi protocol)."""
 
     part: Literal["whole", "ideas", "small"] = "whole"
     """whole: all policies; ideas: gp, hinge-fit and the variants that lack an idea;

@@ -254,8 +254,9 @@ def trial_tasks(
     """Return the episodes of trials; the seed varies slowest.
 
     ``only`` replaces the policies, without levels in which one of them cannot take
-    part. ``seeds`` replaces the number of seeds of the part. Another `robot` opens the
-    same doors, and another synthetic human demonstrates the same openings.
+    part; their sources are then left out. ``seeds`` replaces the number of seeds of the
+    part. Another `robot` opens the same doors, and another synthetic human demonstrates
+    the same openings.
     """
     plan = PARTS[part]
     doors = {
@@ -298,7 +299,7 @@ def trial_tasks(
                 episode_task(
                     door,
                     config,
-                    **policy_fields(policy),
+                    **({"policy": policy} if only else policy_fields(policy)),
                     seed=seed,
                     teacher=standard_teacher() | dict(level.teacher),
                     robot=robot,

@@ -1,0 +1,138 @@
+"""Submissions: submit, then verify; what is changed, foreign or strange is found."""
+
+import dataclasses
+import hashlib
+import json
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.files.provenance import code_state
+from gplfd_experiments.studies import jobs
+from gplfd_experiments.studies.engines import Engine
+from gplfd_experiments.studies.runner import run_or_resume
+from gplfd_experiments.studies.trials import protocol
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
+
+STILL = """
+import helper
+
+class Still:
+    def act(self, observation):
+        return helper.pose * 0.0 + observation["ee_pose"]
+
+def make(training):
+    return Still()
+"""
+CARD = ["--authors", "A. Author", "--code", "https://example.org", "--training-data"]
+CARD += ["none", "--knowledge", "demonstrations", "mechanism"]
+
+
+@pytest.fixture
+def trials(tmp_path, monkeypatch, policies_here):
+    """Results of a user's policy in a trial of two seeds, by code without edits."""
+    module = f"still_{tmp_path.name.replace('-', '_')}"
+    monkeypatch.chdir(tmp_path)
+    Path(f"{module}.py").write_text(STILL.replace("helper", f"{module}_helper"))
+    Path(f"{module}_helper.py").write_text("import numpy as np; pose = np.ones(6)\n")
+    parts = protocol.PARTS.items()
+    few = {part: dataclasses.replace(plan, seeds=2) for part, plan in parts}
+    monkeypatch.setattr(protocol, "PARTS", few)
+    state = {**code_state(), "git": {"commit": "0" * 40, "dirty": False}}
+    monkeypatch.setattr(jobs, "code_state", lambda: state)
+    policy = f"{module}:make"
+    tasks = protocol.trial_tasks(protocol.named_trials(("stop",)), policies=[policy])
+    tasks = [task for task in tasks if task.policy == policy]
+    assert run_or_resume(tasks, {}, Path("trials"), Engine(engine="serial")) == 0
+    return tasks
+
+
+def changed(change, *, adapted, trust=("--trust",)):
+    """Write the archive with other results, and with their hashes if adapted."""
+    with zipfile.ZipFile("submission.zip") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    about = json.loads(members["submission.json"])
+    for name in [name for name in members if name.startswith("tasks/")]:
+        result = json.loads(members[name])
+        change(result)
+        members[name] = json.dumps(result).encode()
+        if adapted:
+            about["files"][name] = hashlib.sha256(members[name]).hexdigest()
+    with zipfile.ZipFile("changed.zip", "w") as archive:
+        for name, content in {**members, "submission.json": json.dumps(about)}.items():
+            archive.writestr(name, content)
+    for name in [name for name in sys.modules if name.startswith("still_")]:
+        del sys.modules[name]  # Its process would be another.
+    return main(["verify", "changed.zip", *trust, "--engine", "serial", "--quiet"])
+
+
+def test_what_was_submitted_is_verified_and_what_was_changed_is_found(trials, capsys):
+    assert main(["submit", "trials", *CARD]) == 0
+    assert "pull_request" in capsys.readouterr().out.lower().replace(" ", "_")
+    first = Path("submission.zip").read_bytes()
+    assert main(["submit", "trials", *CARD]) == 0
+    assert Path("submission.zip").read_bytes() == first
+    for file in Path().glob("still_*.py"):
+        file.unlink()
+    assert main(["verify", "submission.zip", "--engine", "serial"]) == 2
+    assert f"foreign policies: {trials[0].policy}. Read" in capsys.readouterr().err
+
+    def more(amount, **fields):
+        def change(result):
+            result["metrics"]["duration"] += amount
+            result.update(fields)
+
+        return change
+
+    for change, adapted, status, message in (
+        (lambda result: None, True, 0, "equal in all that was run again"),
+        (more(1e-9), False, 1, f"tasks/{trials[0].key}.json: changed, not of"),
+        (more(1e-9), True, 1, ": duration is 1."),
+        (more(1e-3, arithmetic={"machine": "another"}), True, 0, "equal in all"),
+        (more(1.0, arithmetic={"machine": "another"}), True, 1, ": duration is 2."),
+        (lambda r: r["task"].update(disturbance="push"), True, 1, "not the protocol's"),
+    ):
+        assert changed(change, adapted=adapted) == status
+        assert message in capsys.readouterr().out
+    # A source that is not stated is not trusted, either.
+    assert (
+        changed(lambda r: r["task"].pop("policy_source"), adapted=True, trust=()) == 2
+    )
+
+
+def test_what_does_not_follow_the_protocol_is_not_submitted(trials, capsys):
+    assert main(["submit", "trials", *CARD[:-3]]) == 2
+    assert "must state knowledge, by options" in capsys.readouterr().err
+    Path("trials", "tasks", f"{trials[0].key}.json").unlink()
+    Path("card.toml").write_text(
+        'authors = ["A"]\ncode = "x"\ntraining_data = "none"\n'
+    )
+    words = ["submit", "trials", "--card", "card.toml", "--knowledge", "data"]
+    assert main(words) == 1
+    assert "1 of 2 are missing" in capsys.readouterr().out
+    assert not Path("submission.zip").exists()
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        *(
+            ["../tasks/a.json"],
+            ["/tasks/a.json"],
+            ["policies/../a.py"],
+            ["tasks/a.pkl"],
+        ),
+        *(["tasks/a.json"], ["study.json"] * 2, ["policies/./a"], ["policies\\a"], []),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_strange_archive_is_bad_input(names, tmp_path, capsys):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in names:
+            archive.writestr(name, "{}")
+    assert main(["verify", str(tmp_path / "a.zip")]) == 2
+    assert "it is no submission" in capsys.readouterr().err
