@@ -222,6 +222,16 @@ def test_only_what_lasts_half_a_second_is_sustained():
     assert sustained(force, DT) == 20.0
     force[200:250] = 50.0
     assert sustained(force, DT) == 50.0
+    # One sample decides a peak, but nothing that lasts for 20 ms.
+    force[280] = 900.0
+    assert sustained(force, DT, 0.02) == 100.0
+
+
+def test_the_impulse_across_the_path_is_that_of_the_radial_force(make_log):
+    metrics = episode_metrics(make_log())
+    # 3 N all the time, of which no sample is alone.
+    assert metrics["force_radial_impulse"] == pytest.approx(3.0 * 600 * DT)
+    assert metrics["force_radial_20ms"] == metrics["force_radial_peak"] == 3.0
 
 
 def test_recovery_begins_when_the_last_disturbance_ends(make_log):

@@ -103,7 +103,8 @@ def answer(policy, low, high, measure=FORCE):
     sides = {"having": Side(policy="gp"), "lacking": Side(policy=policy)}
     contrast = Contrast(idea="softness", measure=measure, **sides)
     shift = Shift(estimate=middle, low=low, high=high)
-    return Answer(contrast=contrast, shift=shift, changes={})
+    p_value = float(low <= 0.0 <= high)
+    return Answer(contrast=contrast, shift=shift, p_value=p_value, changes={})
 
 
 def test_what_helps_is_on_the_right_and_first():
