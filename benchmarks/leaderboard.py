@@ -6,7 +6,6 @@ seeds with Student's interval; other measures are the Hodges-Lehmann estimate wi
 interval (95 % each).
 """
 
-import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -26,7 +25,6 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.analysis.results.trials import (
     MEASURES,
     SMALLEST_SHARE,
-    deciding_measure,
     success_measure,
 )
 from gplfd_experiments.files.plain_data import read_json
@@ -114,18 +112,23 @@ def typical(values: Sequence[float], measure: str, than: Sequence[float] = ()) -
     return replace(value, low=max(value.low, 0.0), high=min(value.high, 100.0))
 
 
-def text(
+def cell(
     answers: Answers,
     trials: Sequence[str],
     policy: str,
     measure: str = "success",
     than: str = "",
 ) -> str:
-    """Return `typical` of a policy, or its difference, above the interval."""
+    """Return `typical` of a policy, or its difference, above the interval.
+
+    A dash, if a policy did not take part in all trials, or none has the measure.
+    """
+    if not all({policy, than or policy} <= ran(answers, trial) for trial in trials):
+        return "–"
     values = by_seed(answers, trials, policy, measure)
+    others = by_seed(answers, trials, than, measure) if than else []
     if not values:
         return "–"
-    others = by_seed(answers, trials, than, measure) if than else []
     value, shown = typical(values, measure, others), MEASURES[measure]
     if shown.share:
         shown = replace(shown, unit="" if than else "%", digits=0)
@@ -140,66 +143,12 @@ def leaderboard(answers: Answers, track: str) -> Table:
     measures = [m for m in ACROSS if any(m in TRIALS[t].measures for t in trials)]
     rows = []
     for policy in ranked(answers, trials):
-        cells = [text(answers, trials, policy, m) for m in ("success", *measures)]
-        knows = "the door" if policy == "oracle" else "demonstrations"
-        knows = "nothing" if policy in REFERENCES and policy != "oracle" else knows
+        knows = "nothing" if policy in REFERENCES else "demonstrations"
+        knows = "the door" if policy == "oracle" else knows
+        cells = [cell(answers, trials, policy, m) for m in ("success", *measures)]
         rows.append((f"`{policy}`", knows, *cells))
     heads = [MEASURES[measure].name for measure in measures]
     return Table(columns=("policy", "knows", "opened", *heads), rows=tuple(rows))
-
-
-def by_trial(answers: Answers, track: str) -> Table:
-    """Return a row per policy: success and the deciding measure in every trial."""
-    trials = TRACKS[track].trials
-    rows = []
-    for policy in ranked(answers, trials):
-        cells = [
-            f"{text(answers, [trial], policy)}\n"
-            f"{text(answers, [trial], policy, deciding_measure(TRIALS[trial]))}"
-            for trial in trials
-        ]
-        rows.append((f"`{policy}`", *cells))
-    return Table(columns=("policy", *(f"`{t}`" for t in trials)), rows=tuple(rows))
-
-
-def parts(answers: Answers) -> Table:
-    """Return what every part of the pipeline adds to the doors opened, by trial."""
-    rows = []
-    policies = dict.fromkeys(itertools.chain(*(t.policies for t in TRACKS.values())))
-    for less in (policy for policy in policies if "@" in policy):
-        policy = less.partition("@")[0]
-        trials = [
-            t for t in TRACKS["pipeline"].trials if {policy, less} <= ran(answers, t)
-        ]
-        if trials:
-            cells = [
-                text(answers, [t], policy, than=less) if t in trials else "–"
-                for t in TRACKS["pipeline"].trials
-            ]
-            rows.append(
-                (
-                    f"`{policy}` − `{less}`",
-                    text(answers, trials, policy, than=less),
-                    *cells,
-                )
-            )
-    heads = (f"`{trial}`" for trial in TRACKS["pipeline"].trials)
-    return Table(columns=("with − without", "all of these", *heads), rows=tuple(rows))
-
-
-def overview(answers: Answers) -> Table:
-    """Return the success of every policy that is in two tracks, by track."""
-    cells: dict[str, dict[str, str]] = {}
-    for track, content in TRACKS.items():
-        for policy in ranked(answers, content.trials):
-            share = text(answers, content.trials, policy)
-            cells.setdefault(policy, {})[track] = share
-    rows = [
-        (f"`{policy}`", *(shares.get(track, "–") for track in TRACKS))
-        for policy, shares in cells.items()
-        if len(shares) > 1
-    ]
-    return Table(columns=("policy", *TRACKS), rows=tuple(rows))
 
 
 def verdict(answers: Answers, track: str = "learner") -> str:
@@ -223,7 +172,7 @@ def verdict(answers: Answers, track: str = "learner") -> str:
     apart = len(groups["more"]) + len(groups["fewer"])
     leads = shifts[best].estimate >= 0.15 and shifts[best].low > 0.0
     measures = known >= 0.9 and mean_share <= 0.6 and leads and apart >= 4
-    lead = text(answers, trials, best, than="mean").partition("\n")
+    lead = cell(answers, trials, best, than="mean").partition("\n")
     who = "; ".join(f"{name}: {', '.join(of)}" for name, of in groups.items() if of)
     return (
         f"**These doors {'measure' if measures else 'do not measure'} learners.** "
@@ -237,23 +186,20 @@ def verdict(answers: Answers, track: str = "learner") -> str:
 
 
 def with_results(page: str, answers: Answers) -> str:
-    """Return a page with the present results between its marks."""
-    texts = dict.fromkeys(("verdict", "tracks"), NOT_RUN)
-    if answers:
-        tracks = markdown_table(overview(answers))
-        texts = {"verdict": verdict(answers), "tracks": tracks}
-    marked = r"(?s)(<!-- results: (\w+) -->\n).*?(?=\n<!-- end -->)"
-    return re.sub(marked, lambda mark: mark[1] + texts[mark[2]], page)
+    """Return a page with the present verdict between its marks."""
+    result = verdict(answers) if answers else NOT_RUN
+    marked = r"(?s)(?<=<!-- results: verdict -->\n).*?(?=\n<!-- end -->)"
+    return re.sub(marked, lambda _: result, page)
 
 
 def main(
     files: tyro.conf.Positional[tuple[Path, ...]] = (), *, write: bool = False
 ) -> None:
-    """Print a table per track as Markdown, or write the results in README.md.
+    """Print a table per track as Markdown, or write README.md.
 
     Args:
         files: Files trials.json of other people.
-        write: Write verdict and overview between the marks of README.md.
+        write: Write the verdict between the marks of README.md.
     """
     answers = answers_of([*filter(Path.exists, [STORED]), *files])
     if write:
@@ -261,8 +207,7 @@ def main(
         readme.write_text(with_results(readme.read_text(), answers))
         return
     for track in TRACKS:
-        for table in (leaderboard(answers, track), by_trial(answers, track)):
-            print(f"## Track {track}\n\n{markdown_table(table)}\n")
+        print(f"## Track {track}\n\n{markdown_table(leaderboard(answers, track))}\n")
 
 
 if __name__ == "__main__":

@@ -97,12 +97,7 @@ _ANIMATED: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 def overviews(
     task: EpisodeTask, log: EpisodeLog, rows: Iterable[int], width: int
 ) -> list[Image.Image]:
-    """Return 4:3 images of an opening from behind the robot, at some rows of its log.
-
-    Raises RuntimeError if the door was not opened.
-    """
-    if not log.success:
-        raise RuntimeError(f"{task.door}: {log.failure or 'not opened'}")
+    """Return 4:3 images of an episode from behind the robot, at rows of its log."""
     model, size = model_of(task), (2 * width, 3 * width // 2)
     with contextlib.closing(Camera(model, *size, "overview", effects=True)) as camera:
         return [
@@ -253,37 +248,33 @@ def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
 # --- Recordings ---------------------------------------------------------------
 
 
-def screenshot(recording: Path, size: str, at: float, out: Path) -> None:
-    """Draw a recording at a time [s] in Rerun's viewer, which opens no window."""
-    port = "9871"
-    options = ["--headless", "--bind", "127.0.0.1", "--port", port, "--window-size"]
-    command = [viewer(), *options, size, "--hide-welcome-screen", str(recording)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            time.sleep(10.0)  # It starts and loads; its messages fade out.
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time("sim_time", duration=at, play_state="paused")
-            client.take_screenshot()  # still of the time before
-            image = Image.open(io.BytesIO(client.take_screenshot()))
-        finally:
-            process.terminate()
-    with complete_or_absent(out) as temporary:
-        image.convert("RGB").quantize(256).save(temporary, format="PNG")
-
-
 def recordings() -> None:
-    """Draw recording.png, of `gp` at the medium door."""
+    """Draw recording.png: `gp` at the medium door in Rerun, which opens no window."""
     task = episode_task("medium", DOORS["medium"], policy="gp", seed=0)
     demonstrations = demonstrations_of(task).demonstrations
+    options = ["--headless", "--bind", "127.0.0.1", "--port", "9871", "--window-size"]
+    options += ["1400x864", "--hide-welcome-screen"]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "recording.rrd")
         record_episode(path, episode_log(task), model_of(task), demonstrations)
-        screenshot(path, "1400x864", 3.3, _IMAGES / "recording.png")
+        command = [viewer(), *options, str(path)]
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+            try:
+                time.sleep(10.0)  # It starts and loads; its messages fade out.
+                client = ViewerClient.connect("rerun+http://127.0.0.1:9871/proxy")
+                client.set_time("sim_time", duration=3.3, play_state="paused")
+                client.take_screenshot()  # still of the time before
+                image = Image.open(io.BytesIO(client.take_screenshot()))
+            finally:
+                process.terminate()
+    with complete_or_absent(_IMAGES / "recording.png") as temporary:
+        image.convert("RGB").quantize(256).save(temporary, format="PNG")
 
 
 # --- README --------------------------------------------------------------------
 
-_PART, _CURVE = 400, 100  # Width of a part, and of 100 N below it [px].
+_PART, _CURVE = 400, 100  # Width of a part, and height of 100 N below it [px].
+_CURVED: Final = (180, 40, 30)
 
 
 def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Image]:
@@ -297,20 +288,15 @@ def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Ima
     scale = [_PART / times[-1], -_CURVE / 100.0]
     height, pages = 3 * _PART // 4, []
     points = np.column_stack([log.times, force]) * scale + [0.0, height + _CURVE - 4]
-    model = model_of(task)
-    with contextlib.closing(
-        Camera(model, 2 * _PART, 2 * height, "overview", effects=True)
-    ) as camera:
-        for row, data in states(log, model, rows):
-            page = Image.new("RGB", (_PART, height + _CURVE), _PAPER)
-            image = Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
-            page.paste(image, (0, 0))
-            draw, font = ImageDraw.Draw(page), ImageFont.load_default(17)
-            draw.text((6, height + 4), scene["title"], _INK, font)
-            below = f"{force[row]:.0f} N {_NAMES[scene['curve']]}"
-            draw.text((6, height + 26), below, (180, 40, 30), font)
-            draw.line([*map(tuple, points[: row + 1 : 5])], (180, 40, 30), 3)
-            pages.append(page)
+    for row, image in zip(rows, overviews(task, log, rows, _PART), strict=True):
+        page = Image.new("RGB", (_PART, height + _CURVE), _PAPER)
+        page.paste(image, (0, 0))
+        draw, font = ImageDraw.Draw(page), ImageFont.load_default(17)
+        draw.text((6, height + 4), scene["title"], _INK, font)
+        below = f"{force[row]:.0f} N {_NAMES[scene['curve']]}"
+        draw.text((6, height + 26), below, _CURVED, font)
+        draw.line([*map(tuple, points[: row + 1 : 5])], _CURVED, 3)
+        pages.append(page)
     return pages
 
 
@@ -337,12 +323,9 @@ def learners() -> None:
     for axis, (measure, title) in zip(axes, titles.items(), strict=True):
         values = [leaderboard.by_seed(answers, trials, p, measure) for p in policies]
         shifts = [leaderboard.typical(of, measure) for of in values]
-        means = [shift.estimate for shift in shifts]
-        ends = [
-            [s.estimate - s.low for s in shifts],
-            [s.high - s.estimate for s in shifts],
-        ]
-        axis.barh(policies, means, xerr=ends, color="tab:blue", ecolor="black")
+        means = np.array([shift.estimate for shift in shifts])
+        ends = np.array([[s.low for s in shifts], [s.high for s in shifts]])
+        axis.barh(policies, means, xerr=np.abs(ends - means), ecolor="black")
         axis.set_xlabel(title)
     with complete_or_absent(_IMAGES / "learners-doors.svg") as temporary:
         figure.savefig(temporary, format="svg", bbox_inches="tight")

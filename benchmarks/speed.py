@@ -1,8 +1,7 @@
 """Speed of the method and of the environment: python benchmarks/speed.py [PARTS ...].
 
 Prints the times that docs/notes/speed.md shows: medians over rounds. Actions run in
-turns within one process, with one BLAS thread, so that other load slows all of them
-equally.
+turns within one process, with one BLAS thread, so that other load slows all equally.
 """
 
 import copy
@@ -10,11 +9,9 @@ import functools
 import gc
 import itertools
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -27,10 +24,8 @@ from threadpoolctl import threadpool_limits
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import code_state
 from gplfd_experiments.files.table import Table, text_table
-from gplfd_experiments.recording.episode import record_episode
 from gplfd_policies import ViaPoint, align
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.agents.agent import batch_agents
@@ -196,7 +191,7 @@ def vectors(repeats: int, counts: tuple[int, ...] = (2, 64)) -> Rows:
 
 
 def agents(repeats: int, count: int = 64, periods: int = 250) -> Rows:
-    """Time `gp` in closed loop and in lockstep, and the recording of an episode."""
+    """Time `gp` in closed loop with many simulations, in lockstep."""
     demonstrations = Teacher().standard_demonstrations(seed=0)
     agent = make_agent("gp", demonstrations)
     together = batch_agents([copy.deepcopy(agent) for _ in range(count)])
@@ -215,16 +210,6 @@ def agents(repeats: int, count: int = 64, periods: int = 250) -> Rows:
 
     ((_, wall),) = measure({"loop": (prepare, count * periods)}, repeats).values()
     yield row(f"{count} `gp` agents in lockstep", 1.0 / wall, "control steps/s")
-
-    env: Any = gym.make(ENVIRONMENT_ID, door="medium")
-    opened = functools.partial(rollout, env, agent, policy="gp", door="medium", seed=0)
-    log = opened()
-    with tempfile.TemporaryDirectory() as folder:
-        path, model = Path(folder) / "medium.rrd", env.unwrapped.model
-        record = functools.partial(record_episode, path, log, model, demonstrations)
-        actions = {"rollout": repeated(opened), "recording": repeated(record)}
-        (opening, _), (recording, _) = measure(actions, repeats).values()
-    yield row("recording of an episode over the rollout", recording / opening, "×")
 
 
 PARTS: dict[str, Callable[[int], Rows]] = {

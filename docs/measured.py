@@ -17,6 +17,7 @@ does not exist, its numbers are "not run yet"; a name that it lacks is an error.
 import itertools
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from statistics import fmean
@@ -26,7 +27,7 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import leaderboard as board
 
 from gplfd_experiments.analysis.results.statistics import number_text
-from gplfd_experiments.analysis.results.trials import MEASURES
+from gplfd_experiments.analysis.results.trials import MEASURES, deciding_measure
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
@@ -76,7 +77,7 @@ def number(macro: str) -> str:
     if " – " in place[-1]:
         return _contrast(content["contrasts"], place[0], place[-1], measure)
     if place[0] in TRACKS:
-        value = board.text(
+        value = board.cell(
             content["trials"], TRACKS[place[0]].trials, place[1], measure
         )
         estimate, _, interval = value.partition("\n")
@@ -122,6 +123,51 @@ def _opened_of_rows(rows: Any, policy: str) -> str:
     if isinstance(outcomes[0], bool):
         return f"{sum(outcomes)} of {len(outcomes)} doors"
     return f"{100.0 * fmean(outcomes):.0f} %"
+
+
+def by_trial(answers: board.Answers, track: str) -> Table:
+    """Return a row per policy: success and the deciding measure in every trial."""
+    trials = {t: ("success", deciding_measure(TRIALS[t])) for t in TRACKS[track].trials}
+    rows = []
+    for policy in board.ranked(answers, [*trials]):
+        cells = [
+            "\n".join(board.cell(answers, [trial], policy, m) for m in measures)
+            for trial, measures in trials.items()
+        ]
+        rows.append((f"`{policy}`", *cells))
+    return Table(columns=("policy", *(f"`{t}`" for t in trials)), rows=tuple(rows))
+
+
+def parts(answers: board.Answers) -> Table:
+    """Return what every part of the pipeline adds to the doors opened, by trial."""
+    trials, rows = TRACKS["pipeline"].trials, []
+    for less in (p for p in TRACKS["pipeline"].policies if "@" in p):
+        policy = less.partition("@")[0]
+        both = [t for t in trials if {policy, less} <= board.ran(answers, t)]
+        cells = [
+            board.cell(answers, of, policy, than=less)
+            for of in (both, *([t] for t in trials))
+        ]
+        rows.append((f"`{policy}` − `{less}`", *cells))
+    heads = ("with − without", "all of these", *(f"`{trial}`" for trial in trials))
+    return Table(columns=heads, rows=tuple(rows))
+
+
+def overview(answers: board.Answers) -> Table:
+    """Return the success of every policy that is in two tracks, by track."""
+    tracks = {name: track.trials for name, track in TRACKS.items()}
+    counts = Counter(
+        p for trials in tracks.values() for p in board.ranked(answers, trials)
+    )
+    rows = [
+        (
+            f"`{policy}`",
+            *(board.cell(answers, trials, policy) for trials in tracks.values()),
+        )
+        for policy, count in counts.items()
+        if count > 1
+    ]
+    return Table(columns=("policy", *tracks), rows=tuple(rows))
 
 
 def contrasts(track: str) -> Table:
@@ -185,11 +231,11 @@ def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
 
 BLOCKS: Final[Mapping[str, Callable[..., Table | str]]] = {
     "contrasts": _of_answers(lambda _, track: contrasts(track)),
-    "parts": _of_answers(board.parts),
+    "parts": _of_answers(parts),
     "prototypes": prototypes,
     "track": _of_answers(board.leaderboard),
-    "tracks": _of_answers(board.overview),
-    "trials": _of_answers(board.by_trial),
+    "tracks": _of_answers(overview),
+    "trials": _of_answers(by_trial),
     "verdict": _of_answers(board.verdict),
 }
 """Tables and texts by the first word of the names that pages use; some need a track."""
