@@ -205,6 +205,9 @@ def test_every_number_of_the_pages_has_a_result(tmp_path, monkeypatch):
             assert "<!-- results:" not in written, name
             assert not run or leaderboard.NOT_RUN not in written, name
         made.write_text(json.dumps(results({})))
+        numbers = {"gp": {"success": 0.9, "force_radial_20ms": 1.0}}
+        content = {"numbers": {"a": numbers, "b": {}}, "kendall": {"b": {}}}
+        (tmp_path / "robustness.json").write_text(json.dumps(content))
     for macro in ("{{ trials-1.0 / radius / gpp / success }}", "<!-- results: no -->"):
         with pytest.raises(KeyError, match=re.escape(f"a.md: {macro}")):
             measured.written(macro, "a.md")
