@@ -218,6 +218,30 @@ def prototypes() -> Table:
     return Table(columns=("prototype", *heads, "best learner"), rows=tuple(lines))
 
 
+def robustness() -> Table | str:
+    """Return shares and forces of the learners in every variant of their track."""
+    path = RESULTS / "robustness.json"
+    if not path.exists():
+        return board.NOT_RUN
+    content, measures = read_json(path), ("success", "force_radial_20ms")
+    variants, taus = content["numbers"], content["kendall"]
+
+    def cell(numbers: Mapping[str, float] | None) -> str:
+        if numbers is None:
+            return "–"
+        return f"{100.0 * numbers[measures[0]]:.0f} %\n{numbers[measures[1]]:.1f} N"
+
+    rows = [
+        (f"`{policy}`", *(cell(numbers.get(policy)) for numbers in variants.values()))
+        for policy in next(iter(variants.values()))
+    ]
+    pairs = ([taus.get(name, {}).get(m) for m in measures] for name in variants)
+    texts = (
+        "\n".join("–" if t is None else f"{t:.2f}" for t in pair) for pair in pairs
+    )
+    return Table(columns=("policy", *variants), rows=(*rows, ("Kendall's tau", *texts)))
+
+
 def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
     """Return what makes a table of the present protocol, once it was run."""
 
@@ -233,6 +257,7 @@ BLOCKS: Final[Mapping[str, Callable[..., Table | str]]] = {
     "contrasts": _of_answers(lambda _, track: contrasts(track)),
     "parts": _of_answers(parts),
     "prototypes": prototypes,
+    "robustness": robustness,
     "track": _of_answers(board.leaderboard),
     "tracks": _of_answers(overview),
     "trials": _of_answers(by_trial),
