@@ -87,7 +87,7 @@ class ServeSettings(OperatorLimits):
     )
     protocol: Literal["lines", "openpi"] = _option(
         "lines",
-        "Lines of JSON (docs/serving.md), or openpi: a WebSocket on --port (8000 "
+        "Lines of JSON (docs/robot.md), or openpi: a WebSocket on --port (8000 "
         "unless given), MessagePack with arrays; pip install 'gplfd[remote]'.",
     )
     host: str = _option("127.0.0.1", "Address of the TCP port.")
