@@ -23,7 +23,7 @@ def protocol_conditions() -> list[Condition]:
     return [
         Condition(
             name=f"{task.trial}/{task.level}/{task.door}",
-            suites=tuple(t for t, names in TRACKS.items() if task.trial in names)
+            suites=tuple(t for t, track in TRACKS.items() if task.trial in track.trials)
             or (task.trial,),
             door=task.door,
             arguments={"door": dict(task.door_config)}
