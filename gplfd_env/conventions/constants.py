@@ -13,6 +13,11 @@ Vector = tuple[float, float, float]
 
 Control = Literal["pose", "impedance"]
 """What an action commands: poses, or poses and stiffnesses."""
+ActionForm = Literal["pose", "relative", "stiffness"]
+"""Actions at waypoints: position [m] and quaternion (x, y, z, w), (7,); relative to the
+hand as in `RelativeAction`, (6,); or pose and stiffness [N/m, N m/rad], (13,)."""
+TASK: Final = "open the door"
+"""What a policy that reads is told."""
 Base = Literal["fixed", "mobile"]
 """Whether the robot's base stands still or drives."""
 Start = Literal["grasped", "approach"]

@@ -6,6 +6,7 @@ values for all others.
 """
 
 import dataclasses
+import hashlib
 import itertools
 import math
 from collections.abc import Collection, Mapping
@@ -264,3 +265,9 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
 def _choice(shares: dict[str, float], rng: np.random.Generator) -> str:
     names = list(shares)
     return names[int(rng.choice(len(names), p=list(shares.values())))]
+
+
+def seed_of_door(seed: int, door: str) -> int:
+    """Return a seed of random draws that each door of a seed has for itself."""
+    digest = hashlib.sha256(f"{seed} {door}".encode()).digest()
+    return int.from_bytes(digest[:4]) % 1_000_000_000

@@ -79,7 +79,7 @@ def test_lerobot_finds_what_it_looks_for(shown):
     lengths = [len(one.times) for one in shown]
     assert (info["total_episodes"], info["total_frames"]) == (2, sum(lengths))
     tasks = pyarrow.parquet.read_table("b/meta/tasks.parquet")
-    assert tasks.to_pydict() == {"task_index": [0], "task": ["recorded motion"]}
+    assert tasks.to_pydict() == {"task_index": [0], "task": ["open the door"]}
     assert tasks.schema.pandas_metadata["index_columns"] == ["task"]
     path = info["data_path"].format(chunk_index=0, file_index=0)
     table = pyarrow.parquet.read_table(Path("b") / path)
@@ -138,7 +138,7 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes):
         assert_allclose(commanded[:, :3], last[:, :3], rtol=0, atol=1e-6)
         turned = Rotation.from_quat(commanded[:, 3:]).as_rotvec()
         assert rotation_distance(turned, last[:, 3:6]).max() < 1e-6
-        force = np.array(rows["observation.force"])[own]
+        force = np.array(rows["observation.environment_state"])[own]
         wrenches = episode.observations["wrench"][:-1:5]
         assert_allclose(force, wrenches, rtol=1e-6)
         (motion,) = prepare([one], AS_RECORDED)

@@ -15,7 +15,7 @@ from typing import Any, Final, Literal
 
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
-from gplfd_env.doors.randomization import door_randomization
+from gplfd_env.doors.randomization import door_randomization, seed_of_door
 from gplfd_env.robot.placement import base_for, check_reach
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_experiments.data.teacher import (
@@ -176,8 +176,7 @@ class EpisodeTask(TaughtTask):
         """
         if self.randomization == self.disturbance == "none":
             return self.seed
-        digest = hashlib.sha256(f"{self.seed} {self.door}".encode()).digest()
-        return int.from_bytes(digest[:4]) % 1_000_000_000
+        return seed_of_door(self.seed, self.door)
 
 
 def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:

@@ -29,6 +29,8 @@ _DEFAULT_HAND: Final = "robot0_eef"  # Of robomimic.
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 WRENCH: Final = "observation.force"
+OBSERVED_WRENCH: Final = "observation.environment_state"
+"""Wrenches that gplfd writes; policies of LeRobot read no other numbers."""
 AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the state"}
 """Entry ``info`` of the feature of wrenches that gplfd writes."""
 
@@ -287,8 +289,10 @@ def lerobot(path: Path, settings: ImportSettings) -> list[RawRecording]:
     where = "--columns" if settings.columns else repr(name)
     places = tables.named_columns(heads, where)
     force = settings.wrench
-    if vectors.get(WRENCH, {}).get("shape") == [len(tables.FORCE)]:
-        force = force or WRENCH
+    marked = [n for n, feature in vectors.items() if feature.get("info") == AS_OBSERVED]
+    if not marked and vectors.get(WRENCH, {}).get("shape") == [len(tables.FORCE)]:
+        marked = [WRENCH]
+    force = force or next(iter(marked), None)
     observed, widths = False, {name: len(heads)}
     if force is not None:
         _, feature = chosen(force, vectors, "feature of numbers", file=path.name)

@@ -14,10 +14,15 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, TASK
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.readers.arrays import AS_OBSERVED, INFO, STATE, WRENCH
+from gplfd_experiments.data.readers.arrays import (
+    AS_OBSERVED,
+    INFO,
+    OBSERVED_WRENCH,
+    STATE,
+)
 from gplfd_experiments.data.readers.tables import FORCE
 from gplfd_experiments.data.writers import states_of
 from gplfd_experiments.files.folders import complete_folder
@@ -37,7 +42,7 @@ and about the position of the hand."""
 _ACTION: Final = "action"
 _PICTURES: Final = "observation.images."
 _POSE: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
-_COMPONENTS: Final = {STATE: _POSE, _ACTION: _POSE, WRENCH: list(FORCE)}
+_COMPONENTS: Final = {STATE: _POSE, _ACTION: _POSE, OBSERVED_WRENCH: list(FORCE)}
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
 _EQUAL: Final = 0.05  # Largest relative difference of time steps.
 _SAMPLED: Final = 50  # Number of pictures for the statistics of colours.
@@ -88,7 +93,7 @@ def export_demonstrations(
     if (source / "data/metadata.json").is_file():
         rate = rate or (10 if cameras else 100)
         episodes = _recorded(source, rate, cameras, size)
-        _write(target, [float(rate)], episodes, "open the door")
+        _write(target, [float(rate)], episodes, TASK)
         return len(episodes)
     if cameras or rate is not None:
         raise ValueError(
@@ -113,9 +118,9 @@ def export_demonstrations(
         columns |= {f"observation.{name}": signals[name] for name in sorted(signals)}
         if wrenches is not None:
             # As the environment observes them: of the opposite sign.
-            columns[WRENCH] = -wrenches
+            columns[OBSERVED_WRENCH] = -wrenches
         episodes.append(columns)
-    _write(target, rates, episodes, "recorded motion")
+    _write(target, rates, episodes, TASK)
     return len(episodes)
 
 
@@ -143,7 +148,7 @@ def _recorded(
             poses = np.stack([seen, commanded], axis=1)
             both = states_of(poses.reshape(-1, 6)).reshape(len(steps), 2, 7)
             columns: _Columns = {STATE: both[:, 0], _ACTION: both[:, 1]}
-            columns[WRENCH] = episode.observations["wrench"][steps]
+            columns[OBSERVED_WRENCH] = episode.observations["wrench"][steps]
             if cameras:
                 env.reset(seed=episode.seed, options=dict(episode.options) or None)
             inner: Any = env.unwrapped
@@ -185,7 +190,7 @@ def _described(name: str, values: Any) -> tuple[Any, Any, Any]:
             column = pyarrow.FixedSizeListArray.from_arrays(column, width)
         feature = {"dtype": str(values.dtype), "shape": [width]}
         feature["names"] = _COMPONENTS.get(name)
-    if name == WRENCH:
+    if name == OBSERVED_WRENCH:
         feature["info"] = AS_OBSERVED
     kinds = ("min", "max", "mean", "std")
     statistics = {k: getattr(samples, k)(axis=0).tolist() for k in kinds}
