@@ -2,7 +2,7 @@
 
 ``pip install optuna`` and ``python benchmarks/tune.py DIR [POLICY ...]``. The same
 command resumes the evaluations in DIR/tuning.db. DIR/tuned.json has the best settings;
-as ``policies/gplfd_policies/registry/tuned.json`` it defines ``<name>-tuned``.
+as ``policies/gplfd_policies/registry/tuned.json`` it defines ``<name>@tuned``.
 
 The objective was fixed before any measurement. It is the mean of two ranks among a
 method's candidates: by the mean negative log predictive density of demonstrations left

@@ -147,7 +147,7 @@ class WaypointDoor(gym.Env[dict[str, Any], Array]):
         self._env: Any = None
         self._hand = np.zeros(6)
 
-        def numbers(n: int) -> spaces.Box:
+        def numbers(n: int) -> Any:
             return spaces.Box(-np.inf, np.inf, (n,), np.float32)
 
         image = spaces.Box(0, 255, (size[1], size[0], 3), np.uint8)

@@ -96,18 +96,15 @@ class DoorEnvConfig(EnvConfig):
 
     def __post_init__(self) -> None:
         """Describe actions and observations."""
-        described = {
-            "action": ("action", FeatureType.ACTION, (SIZES[self.action],)),
+        size, wrench = SIZES[self.action], "observation.environment_state"
+        described: dict[str, tuple[str, Any, tuple[int, ...]]] = {
+            "action": ("action", FeatureType.ACTION, (size,)),
             "agent_pos": ("observation.state", FeatureType.STATE, (7,)),
-            "environment_state": (
-                "observation.environment_state",
-                FeatureType.ENV,
-                (6,),
-            ),
+            "environment_state": (wrench, FeatureType.ENV, (6,)),
         }
         for camera in self._cameras:
-            key, shape = f"observation.images.{camera}", (self.height, self.width, 3)
-            described[f"pixels/{camera}"] = (key, FeatureType.VISUAL, shape)
+            key, picture = f"observation.images.{camera}", (self.height, self.width, 3)
+            described[f"pixels/{camera}"] = (key, FeatureType.VISUAL, picture)
         for name, (key, kind, shape) in described.items():
             self.features[name] = PolicyFeature(type=kind, shape=shape)
             self.features_map[name] = key
