@@ -127,8 +127,8 @@ def test_doors_that_corrections_gain_and_forget_are_counted(
     write_study, episode_result, page_of
 ):
     opened = {
-        "oven, 0": (True, True, False, False),
-        "oven, 1": (True, False, True, True),
+        "overhead, 0": (True, True, False, False),
+        "overhead, 1": (True, False, True, True),
     }
     results = []
     for level, found in opened.items():
@@ -138,9 +138,9 @@ def test_doors_that_corrections_gain_and_forget_are_counted(
                 result = episode_result("gp", seed, **place)
                 result["metrics"]["success"] = good
                 results.append(result)
-    results.append(episode_result("promp", 0, trial="corrections", level="oven, 0"))
+    results.append(episode_result("promp", 0, trial="corrections", level="overhead, 0"))
     answers = trial_answers(read_results(write_study(results)))["contrasts"]
-    one = next(each for each in answers if each["with"] == "gp, oven, 1")
+    one = next(each for each in answers if each["with"] == "gp, overhead, 1")
     assert (one["gained"], one["forgotten"], one["opened before"]) == (6, 3, 6)
     page = page_of(results)
     assert "doors: 6 gained, 3 forgotten, 6 opened before" in page

@@ -70,6 +70,7 @@ CHANGES = {
     "demonstrated_forces": True,
     "demonstrated_hardware": ({"closer": {"preload": 5.0}}, {}, {}),
     "prior_radius": 0.5,
+    "taught_by": "second",
     "trial": "person",
     "level": "500 N/m",
     "held_out": "radius",
