@@ -1,7 +1,7 @@
 """Doors for LeRobot's commands: ``--env.discover_packages_path=gplfd_env.lerobot``.
 
     lerobot-eval --env.discover_packages_path=gplfd_env.lerobot --env.type=gplfd \
-        --env.task=radius/between --seed=20 --policy.path=CHECKPOINT
+        --env.task=radius/between --seed=100 --policy.path=CHECKPOINT
 
 Needs LeRobot 0.6, and with it Python 3.12. A folder, because LeRobot looks into it.
 """

@@ -118,14 +118,13 @@ def episode_metrics(
         demonstrated_angle: Angle to which the demonstrated doors were opened [rad]; the
             standard teacher's mean by default.
     """
-    opening, forces, agent = log.opening, log.forces, log.decisions
+    opening, agent = log.opening, log.decisions
     angle, stage = opening.door_angle, int(opening.capability[-1])
     rows = opening_motion(log)
     errors = prediction_errors(log)[rows]
     stiffness = _known_rows(agent.stiffness)[:, :3]
     stiff = bool(np.isfinite(stiffness).all())
     margin = _known_rows(agent.stability_margin)
-    along = {"tangential": forces.force_tangential, "radial": forces.force_radial}
     acceleration, peak, smoothness = door_acceleration(angle, log.dt), None, None
     if acceleration is not None:
         peak = float(np.max(np.abs(acceleration)))
@@ -146,19 +145,7 @@ def episode_metrics(
             f"time_to_{degrees}_deg": _first(log, angle >= math.radians(degrees))
             for degrees in (15, 30, 60)
         },
-        # Force along the motion of the handle, and along the radius, where it does no
-        # work [N]: largest magnitude, and 95th percentile over the episode.
-        **{
-            f"force_{name}_{kind}": float(np.percentile(np.abs(force), percent))
-            for name, force in along.items()
-            for kind, percent in (("peak", 100), ("p95", 95))
-        },
-        # Across the path of the handle: ∫ |F_r| dt [N s], and the largest force that
-        # lasted for 20 ms [N], which no single sample decides.
-        "force_radial_impulse": float(
-            np.trapezoid(np.abs(forces.force_radial), dx=log.dt)
-        ),
-        "force_radial_20ms": sustained(np.abs(forces.force_radial), log.dt, 0.02),
+        **_handle_forces(log),
         "work": work_on_door(log),
         # Distance of the hand from where it grasped the handle.
         "slip_max_mm": 1e3 * float(np.max(np.abs(opening.slip))),
@@ -185,10 +172,6 @@ def episode_metrics(
             None if error is None else 1e3 * error
             for error in forecast_errors(log, demonstrated_angle)
         ],
-        # In any direction [N].
-        "force_handle_peak": float(
-            np.linalg.norm((*along.values(), forces.force_vertical), axis=0).max()
-        ),
         # Indicators of the EUROBENCH benchmark: largest |φ̈| [rad/s²], 1 / √Σ φ̈² over
         # the control steps [s²/rad], larger is smoother, and time to the first degree.
         "door_acceleration_peak": peak,
@@ -199,6 +182,29 @@ def episode_metrics(
         "latency_p95_ms": 1e3 * float(np.nanpercentile(agent.latency_s, 95)),
         "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
         "latency_wall_p95_ms": _finite(1e3 * np.percentile(agent.latency_wall_s, 95)),
+    }
+
+
+def _handle_forces(log: EpisodeLog) -> dict[str, float]:
+    """Return the measures of the force on the handle."""
+    radial = np.abs(log.forces.force_radial)
+    along = {"tangential": log.forces.force_tangential, "radial": radial}
+    return {
+        # Force along the motion of the handle, and along the radius, where it does no
+        # work [N]: largest magnitude, and 95th percentile over the episode.
+        **{
+            f"force_{name}_{kind}": float(np.percentile(np.abs(force), percent))
+            for name, force in along.items()
+            for kind, percent in (("peak", 100), ("p95", 95))
+        },
+        # Across the path of the handle: ∫ |F_r| dt [N s], and the largest force that
+        # lasted for 20 ms [N], which no single sample decides.
+        "force_radial_impulse": float(np.trapezoid(radial, dx=log.dt)),
+        "force_radial_20ms": sustained(radial, log.dt, 0.02),
+        # In any direction [N].
+        "force_handle_peak": float(
+            np.linalg.norm((*along.values(), log.forces.force_vertical), axis=0).max()
+        ),
     }
 
 

@@ -41,10 +41,9 @@ class Submit(Card):
         stated: dict[str, Any] = read_toml(self.card) if self.card else {}
         with naming(self.card or Path("options")):
             for name, kind in get_type_hints(Card).items():
-                given = getattr(self, name) or entry(
+                stated[name] = getattr(self, name) or entry(
                     {name: None, **stated}, name, kind | None
                 )
-                stated[name] = given
         if problems := submit(self.folder, self.out, Card(**stated), self.files):
             print("\n".join(problems))
             print("nothing is written: the results do not follow the protocol")
