@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.envs.waypoints import Condition, WaypointDoor, Waypoints, seen, state_of
 from gplfd_env.wrappers import action_of
+from gplfd_experiments.studies.trials.protocol import named_trials, trial_tasks
 
 MEDIUM = Condition(name="medium", door="medium", arguments={"door": "medium"})
 HAND = np.array([0.01, 0.02, -0.03, 0.0, 0.2, 0.0])
@@ -87,6 +88,17 @@ def test_suites_are_tracks_and_tasks_their_conditions(plugin):
         plugin.conditions("radios")
 
 
+def test_a_seed_resets_the_door_as_in_the_trials(plugin):
+    tasks = trial_tasks(named_trials(("radius", "motions")), only=["oracle"], seeds=1)
+    suites = plugin.conditions("radius, motions")
+    conditions = {c.name: c for group in suites.values() for c in group}
+    for task in tasks:
+        condition = conditions.pop(f"{task.trial}/{task.level}/{task.door}")
+        assert condition.reset_seed(task.seed) == task.reset_seed
+        assert condition.arguments["randomization"] == task.randomization
+    assert not conditions
+
+
 def test_episodes_end_with_their_success_in_a_vector_environment(plugin):
     config = plugin.DoorEnvConfig(task="medium", fps=10)
     envs = config.create_envs(2)["doors"][0]
@@ -134,6 +146,13 @@ def test_forms_of_actions_mean_the_same_pose(form):
     commands = waypoints.commands(action, HAND)
     assert_allclose(commands[-1][:6], goal, atol=1e-12)
     assert_allclose(commands[0][:6], HAND + (goal - HAND) / 4, atol=1e-12)
+    # The next one begins where this one led, wherever the hand has come to.
+    after, moved = goal + 0.002, HAND + 0.005
+    action = action_of(after, moved) if form == "relative" else state_of(after)
+    action = np.append(action, stiffness) if form == "stiffness" else action
+    further = waypoints.commands(action, moved)
+    assert_allclose(further[-1][:6], after, atol=1e-12)
+    assert_allclose(further[0][:6], goal + (after - goal) / 4, atol=1e-12)
     if form == "stiffness":
         assert waypoints.control == "impedance"
         assert_array_equal(commands[:, 6:], np.tile(stiffness, (4, 1)))

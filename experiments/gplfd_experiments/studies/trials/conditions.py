@@ -3,22 +3,15 @@
 from typing import Final
 
 from gplfd_env.envs.waypoints import Condition
-from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.trials.protocol import TRACKS, named_trials, trial_tasks
 
 _ARGUMENTS: Final = ("randomization", "disturbance", "base", "robot", "start")
 
 
-def _first_tasks() -> list[EpisodeTask]:
-    """Return tasks of the first seed, without those that need reaching or practice."""
-    tasks = trial_tasks(named_trials([]), only=("oracle",), seeds=1)
-    return [t for t in tasks if t.start == "grasped" and t.practice is None]
-
-
 def protocol_conditions() -> list[Condition]:
     """Return every door of every trial and level in which the hand holds the handle.
 
-    The suites of a condition are its tracks.
+    The suites of a condition are its tracks. Conditions with practice are left out.
     """
     return [
         Condition(
@@ -28,5 +21,6 @@ def protocol_conditions() -> list[Condition]:
             arguments={"door": dict(task.door_config)}
             | {name: getattr(task, name) for name in _ARGUMENTS},
         )
-        for task in _first_tasks()
+        for task in trial_tasks(named_trials(()), only=("oracle",), seeds=1)
+        if task.start == "grasped" and task.practice is None
     ]
