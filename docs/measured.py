@@ -8,7 +8,8 @@
     {{ trials-1.0 / TRIAL / with – without / MEASURE }}    a contrast
     {{ trials-1.0 / episodes }}                            their number
     {{ FILE / POLICY }}                                    doors opened, of rows
-    {{ scored / TRIAL }}                                   the measures of a condition
+    {{ scored / TRIAL }}                                   the measures of a condition;
+                                                           those of contrasts in italics
 
 Every measure has one statistic, that of benchmarks/leaderboard.py. As long as a file
 does not exist, its numbers are "not run yet"; a name that it lacks is an error.
@@ -27,10 +28,14 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import leaderboard as board
 
 from gplfd_experiments.analysis.results.statistics import number_text
-from gplfd_experiments.analysis.results.trials import MEASURES, deciding_measure
+from gplfd_experiments.analysis.results.trials import (
+    MEASURES,
+    deciding_measure,
+    success_measure,
+)
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
+from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS, Trial
 
 RESULTS: Final = Path(__file__).with_name("results")
 MACRO: Final = re.compile(r"\{\{ ([^{}]+) \}\}")
@@ -61,9 +66,10 @@ def number(macro: str) -> str:
     """Return what a macro asks for."""
     file, *where = (part.strip() for part in macro.split(" / "))
     if file == "scored":
-        return "; ".join(
-            MEASURES[measure].name for measure in TRIALS[where[0]].measures
-        )
+        trial = TRIALS[where[0]]
+        compared = {contrast.measure for contrast in trial.contrasts}
+        names = [(m, MEASURES[m].name) for m in trial.measures]
+        return "; ".join(f"*{name}*" if m in compared else name for m, name in names)
     path = RESULTS / f"{file}.json"
     if not path.exists():
         return board.NOT_RUN
@@ -80,8 +86,7 @@ def number(macro: str) -> str:
         value = board.cell(
             content["trials"], TRACKS[place[0]].trials, place[1], measure
         )
-        estimate, _, interval = value.partition("\n")
-        return f"{estimate} ({interval})" if interval else estimate
+        return board.in_line(value)
     trial, level, policy = place
     result = content["trials"][trial][level][policy][measure]
     return _with_interval(result, measure)
@@ -135,7 +140,17 @@ def by_trial(answers: board.Answers, track: str) -> Table:
             for trial, measures in trials.items()
         ]
         rows.append((f"`{policy}`", *cells))
-    return Table(columns=("policy", *(f"`{t}`" for t in trials)), rows=tuple(rows))
+    heads = (
+        "\n".join((f"`{trial}`", *(_column(m, TRIALS[trial]) for m in measures)))
+        for trial, measures in trials.items()
+    )
+    return Table(columns=("policy", *heads), rows=tuple(rows))
+
+
+def _column(measure: str, trial: Trial) -> str:
+    """Return what a number of a trial is, with its unit."""
+    shown = MEASURES[success_measure(trial) if measure == "success" else measure]
+    return shown.short if shown.share else shown.title
 
 
 def parts(answers: board.Answers) -> Table:
@@ -170,9 +185,16 @@ def overview(answers: board.Answers) -> Table:
     return Table(columns=("policy", *tracks), rows=tuple(rows))
 
 
-def contrasts(track: str) -> Table:
-    """Return every contrast of a track."""
+def contrasts(track: str) -> str:
+    """Return every contrast of a track, and the smallest p that they can have."""
     words = {"shows": "better with it", "harms": "worse with it", "open": "–"}
+    content = read_json(board.STORED)
+    family = [
+        row
+        for row in content["contrasts"]
+        # As in answers_by_trial: a trial in two tracks counts in the second.
+        if [t for t, of in TRACKS.items() if row["trial"] in of.trials][-1] == track
+    ]
     rows = [
         (
             row["idea"],
@@ -185,12 +207,17 @@ def contrasts(track: str) -> Table:
             ),
             words[row["verdict"]],
         )
-        for row in read_json(board.STORED)["contrasts"]
-        # As in answers_by_trial: a trial in two tracks counts in the second.
-        if [t for t, of in TRACKS.items() if row["trial"] in of.trials][-1] == track
+        for row in family
     ]
-    heads = ("idea", "trial", "with – without", "measure", "difference", "verdict")
-    return Table(columns=heads, rows=tuple(rows), left=True)
+    heads = ("idea", "condition", "with – without", "measure", "difference", "verdict")
+    table = markdown_table(Table(columns=heads, rows=tuple(rows), left=True))
+    first = next(iter(content["trials"].values()))
+    seeds = len(next(iter(next(iter(first.values())).values()))["success"]["seeds"])
+    least = len(rows) * 2.0 ** (1 - seeds)
+    return (
+        f"{table}\n\n*Contrasts of the track {track}. {seeds} seeds and {len(rows)} "
+        f"contrasts allow no p below {least:.3f} ({len(rows)} · 2 / 2^{seeds}).*"
+    )
 
 
 def prototypes() -> Table:

@@ -190,6 +190,18 @@ def test_an_idea_shows_where_its_interval_leaves_zero_out(
             assert answer.shift.estimate == pytest.approx(estimate, abs=tolerance)
 
 
+def test_levels_weigh_the_same_with_any_doors(write_study, episode_result):
+    results, force = [], "force_radial_peak"
+    for level, radius, gain in (("a", 0.3, 0.0), ("b", 0.3, 6.0), ("b", 0.4, 6.0)):
+        for policy, value in (("gp", gain), ("mean", 0.0)):
+            place = {"level": level, "radius": radius}
+            results += outcomes(episode_result, policy, [value], force, **place)
+    levels = of_trials(read_results(write_study(results)))["stop"]
+    sides = {"having": Side(policy="gp"), "lacking": Side(policy="mean")}
+    answer = answered(Contrast(idea="an idea", measure=force, **sides), levels)
+    assert answer.shift.estimate == 3.0
+
+
 def test_p_values_are_corrected_for_all_contrasts_of_a_track(
     write_study, episode_result
 ):

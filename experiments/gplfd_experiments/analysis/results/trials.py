@@ -1,8 +1,11 @@
 """Results of trials: contrasts, trials.json with all numbers, check of the protocol."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
+from statistics import fmean
 from typing import Any, Final, Literal
 
 from gplfd_experiments.analysis.results import measures, statistics
@@ -82,11 +85,11 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
     measure = MEASURES[contrast.measure]
-    # By seed and door, and by level if levels are pooled: those that are compared have
-    # the same doors.
+    # By seed, level if levels are pooled, and door: those that are compared have the
+    # same doors.
     having, lacking = (
         {
-            (e.task.seed, f"{'' if side.level else level} {e.task.door}"): value
+            (e.task.seed, "" if side.level else level, e.task.door): value
             for level, runs in levels.items()
             if side.level in ("", level)
             for e in runs.get(side.policy, ())
@@ -94,7 +97,15 @@ def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
         }
         for side in (contrast.having, contrast.lacking)
     )
-    means = statistics.paired(having, lacking)
+    # Levels have equal weights, whatever their numbers of doors.
+    both = sorted(having.keys() & lacking.keys())
+    groups = [[*doors] for _, doors in itertools.groupby(both, itemgetter(0, 1))]
+    means = statistics.paired(
+        *(
+            {doors[0][:2]: fmean(values[door] for door in doors) for doors in groups}
+            for values in (having, lacking)
+        )
+    )
     difference, p_value = None, 1.0
     if means[0]:
         p_value = statistics.signed_rank(*means)
@@ -102,7 +113,6 @@ def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
         difference = compare(*means)
     changes: dict[str, int] = {}
     if contrast.measure == "success" and contrast.lacking.level:
-        both = having.keys() & lacking.keys()
         changes = {
             "gained": sum(having[door] > lacking[door] for door in both),
             "forgotten": sum(having[door] < lacking[door] for door in both),

@@ -1,19 +1,9 @@
 """Protocol 1.0: trials, policies, and rules for contrasts.
 
 The trials are in ``protocol.toml``. A change of a door, a draw, a measure or a policy
-that takes part makes another version.
-
-Criteria, settled before the run. The track *learner* measures learners if `oracle`
-opens at least 90 %, `mean` at most 60 %, the best learner at least 15 points more than
-`mean` with an interval above zero, and at least four learners are separated from `mean`
-(signed ranks over seeds, Holm over all of them, 5 %). If it does not, the pages say
-first that these doors do not measure learners.
-
-Success is looked at first, then the impulse across the path of the handle and the
-radial force that lasts for 20 ms. All random draws of a seed are equal for all
-policies, which are compared per seed by their mean over doors and levels. An idea shows
-in a contrast if signed ranks, after Holm over all contrasts of the track, give at most
-5 %, and the Hodges-Lehmann estimate is at least 1 N, 1 N s, 2° or 5 points of success.
+that takes part makes another version; docs/protocol.md has criteria and statistics.
+All random draws of a seed are equal for all policies, which are compared per seed by
+their mean over levels, and over the doors of a level.
 """
 
 import itertools
@@ -161,7 +151,6 @@ _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
     "size and phase together": ("gp@one-size",),
     "forecast with size": ("gp@no-size",),
     "progress beyond the demonstrations": ("gp@no-continuation",),
-    "task variability": ("gp-homoscedastic",),
     "heteroscedastic noise": ("gp-homoscedastic",),
     "rotations": ("gp@no-rotation",),
     "variable stiffness": ("gp@constant-100", "gp@constant-500"),
