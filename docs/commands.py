@@ -88,7 +88,7 @@ def arms() -> Iterator[str]:
     file = Path(__file__).with_name("results") / "arms.json"
     yield "| arm | opened | base | peak radial force, or why not |\n|---|---|---|---|"
     for arm in json.loads(file.read_text())["rows"]:
-        opened, result = "no", _escaped(arm["reason"])
+        opened, result = "no", f"`{arm['reason']}`"
         if arm["opened"]:
             opened, result = "yes", f"{arm['radial_force_N']:.1f} N"
         yield f"| {arm['arm']} | {opened} | {arm.get('base', '')} | {result} |"

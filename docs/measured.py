@@ -126,7 +126,7 @@ def _opened_of_rows(rows: Any, policy: str) -> str:
     if not outcomes:
         raise KeyError(policy)
     if isinstance(outcomes[0], bool):
-        return f"{sum(outcomes)} of {len(outcomes)} doors"
+        return f"{sum(outcomes)} of {len(outcomes)} episodes"
     return f"{100.0 * fmean(outcomes):.0f} %"
 
 
@@ -242,7 +242,7 @@ def prototypes() -> Table:
         cells = [cell(policies[policy]) for policy in shown]
         lines.append((name, *cells, f"`{best}`\n{cell(policies[best])}"))
     heads = (f"`{policy}`" for policy in shown)
-    return Table(columns=("prototype", *heads, "best learner"), rows=tuple(lines))
+    return Table(columns=("prototype", *heads, "best other learner"), rows=tuple(lines))
 
 
 def robustness() -> Table | str:

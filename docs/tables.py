@@ -114,7 +114,7 @@ def _quoted(value: object) -> object:
 
 def _randomization() -> Rows:
     presets = ("mild", "hard", "standard", "detector")
-    yield "parameter", *presets, "widest", "meaning"
+    yield "parameter", *presets, "allowed", "meaning"
     meanings = _meanings(parse_from_object(DoorRandomization))
     for field in dataclasses.fields(DoorRandomization):
         limits = field.metadata.get("limits") or (field.metadata.get("range"),)

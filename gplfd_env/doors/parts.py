@@ -28,7 +28,7 @@ class Lockset(Quantities):
     """Lever: distance from the axis about which it turns to its end."""
     handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=5.0)
     """Torque of the return spring at rest; None, here and below: as in
-    `gplfd_env.doors.config.TURNING`. Fingers can hold a third of what a lever needs."""
+    `gplfd_env.doors.config.TURNING`."""
     handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=15.0)
     """Stiffness of the return spring."""
     handle_travel: float | None = quantity(None, unit="rad", low=0.25, high=1.2)

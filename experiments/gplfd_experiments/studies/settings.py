@@ -47,7 +47,7 @@ class StudySettings:
     motion, grasp offset, drift and sensor noise."""
 
     demonstrated_forces: bool = False
-    """These demonstrations include forces and moments of the hand."""
+    """The synthetic human's demonstrations include forces and moments."""
 
     randomizations: tuple[str, ...] = ("none",)
     """What is drawn at random for each episode; see `gplfd list`."""

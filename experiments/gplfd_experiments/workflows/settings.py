@@ -35,7 +35,7 @@ class EpisodeSettings:
     """Demonstrations by the synthetic human on each of three doors."""
 
     demonstrated_forces: bool = False
-    """These demonstrations include forces and moments of the hand."""
+    """The synthetic human's demonstrations include forces and moments."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

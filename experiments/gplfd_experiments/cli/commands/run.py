@@ -93,10 +93,10 @@ class Learn:
     demonstrations: Annotated[
         Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
     ]
-    """File of demonstrations, such as demonstrations.npz of a `gplfd run`."""
+    """Demonstrations: a set, or demonstrations.npz of a `gplfd run`."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File to write, DEMOS-skill.npz by default; an existing file is replaced."""
+    """File to write, by default DEMONSTRATIONS-skill.npz; replaced if it exists."""
 
     policy: str = "gp"
     """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""

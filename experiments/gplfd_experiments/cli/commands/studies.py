@@ -144,7 +144,7 @@ class SkillTests:
     recordings: Annotated[
         Path, tyro.conf.Positional, tyro.conf.arg(metavar="DEMOS.npz")
     ]
-    """File of three or more demonstrations, such as that of a `gplfd run`."""
+    """Three or more demonstrations: a set, or the file of a `gplfd run`."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME,)
     """Methods to compare; see `gplfd list`. "table-1" stands for the nine of the
