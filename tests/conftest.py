@@ -5,7 +5,6 @@ the part is missing the test is skipped, with what to install; with GPLFD_REQUIR
 in the environment it fails instead. Nothing here imports MuJoCo.
 """
 
-import ctypes.util
 import functools
 import gc
 import os
@@ -20,10 +19,9 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
-if "DISPLAY" not in os.environ and ctypes.util.find_library("EGL"):
-    # Read by MuJoCo when it is imported: without a display, pictures come from EGL.
-    # Where there is no EGL, this would make the import itself fail.
-    os.environ.setdefault("MUJOCO_GL", "egl")
+from gplfd_env.conventions.opengl import choose_opengl
+
+choose_opengl()  # Before a test imports MuJoCo.
 
 # There is hardly garbage before the first test: a fifth of the time of the imports.
 gc.disable()
@@ -65,7 +63,7 @@ PARTS = {
     "opengl": Part(
         lambda: _runs(sys.executable, "-c", _DRAW),
         "OpenGL that draws without a screen: apt-get install libegl1 libegl-mesa0 "
-        "libgl1-mesa-dri (other systems: docs/environment.md)",
+        "libgl1-mesa-dri libopengl0 (other systems: docs/environment.md)",
     ),
     "xvfb": Part(
         lambda: shutil.which("Xvfb") is not None,

@@ -9,7 +9,8 @@ import sys
 from collections.abc import Mapping
 from typing import Final
 
-_LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
+_LIBRARIES: Final = {"egl": (("EGL",), ("OpenGL", "GL")), "osmesa": (("OSMesa",),)}
+"""Libraries that PyOpenGL loads, any of each group; importing MuJoCo loads them."""
 _OTHERS: Final = ("glfw", "glx", "enable", "enabled", "on", "true", "1")
 _NONE: Final = ("disable", "disabled", "off", "false", "0")
 
@@ -25,12 +26,12 @@ def choose_opengl() -> None:
     way = os.environ.get("MUJOCO_GL", "").strip().lower()
     if not sys.platform.startswith("linux") or "mujoco" in sys.modules:
         return
-    library = _LIBRARIES.get(way)
+    groups = _LIBRARIES.get(way or "egl", ())
+    lacking = [of[0] for of in groups if not any(map(ctypes.util.find_library, of))]
     if not way:
-        library = ctypes.util.find_library("EGL")
-        if library and not has_display(sys.platform, os.environ):
+        if not lacking and not has_display(sys.platform, os.environ):
             os.environ["MUJOCO_GL"] = "egl"
-    elif library is None and way not in (*_OTHERS, *_NONE):
+    elif not groups and way not in (*_OTHERS, *_NONE):
         raise OSError(f"MUJOCO_GL={way} must be egl, osmesa or glfw, or be unset")
-    elif library is not None and not ctypes.util.find_library(library):
-        raise OSError(f"MUJOCO_GL={way} needs the library {library}; see gplfd doctor")
+    elif lacking:
+        raise OSError(f"MUJOCO_GL={way} needs lib{lacking[0]}; see gplfd doctor")

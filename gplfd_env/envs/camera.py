@@ -88,12 +88,11 @@ class Camera:
             quality.offsamples = 0
         try:
             return mujoco.Renderer(model, self._height, self._width)
-        # The type of the exception depends on the platform.
-        except Exception as error:
+        except Exception as error:  # Its type depends on the platform.
             Camera._without_opengl = (
                 f"no picture without OpenGL ({error}); on a machine without a screen "
-                "install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri) "
-                "or OSMesa (libosmesa6), and set MUJOCO_GL=osmesa for the latter"
+                "install EGL (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri "
+                "libopengl0), or OSMesa (libosmesa6) with MUJOCO_GL=osmesa"
             )
             raise RuntimeError(Camera._without_opengl) from error
         finally:

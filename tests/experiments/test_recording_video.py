@@ -74,11 +74,18 @@ def test_without_a_screen_egl_draws_unless_the_user_chose(monkeypatch):
         monkeypatch.setattr("os.environ", environment := dict(given))
         choose_opengl()
         assert environment.get("MUJOCO_GL") == expected
-    monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
-    for given, words in (
-        ("osmesa", "needs the library OSMesa"),
-        ("nix", "must be egl"),
-    ):
+    # EGL alone, without the library of its functions, lets `import mujoco` fail.
+    present = {"EGL": "libEGL.so.1"}
+    monkeypatch.setattr("ctypes.util.find_library", present.get)
+    monkeypatch.setattr("os.environ", environment := {})
+    choose_opengl()
+    assert environment == {}
+    refusals = {
+        "egl": "needs libOpenGL",
+        "osmesa": "needs libOSM",
+        "nix": "must be egl",
+    }
+    for given, words in refusals.items():
         monkeypatch.setattr("os.environ", {"MUJOCO_GL": given})
         with pytest.raises(OSError, match=f"MUJOCO_GL={given} {words}"):
             choose_opengl()

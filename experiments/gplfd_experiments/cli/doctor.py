@@ -73,7 +73,7 @@ def examined() -> dict[str, Any]:
         remark += f"MUJOCO_GL={way} does not work here; unset it, or " * bool(way)
         remark += (
             "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
-            "libgl1-mesa-dri) or OSMesa, see docs/environment.md"
+            "libgl1-mesa-dri libopengl0) or OSMesa, see docs/environment.md"
         )
     rows = [("pictures", 'render_mode="rgb_array"', bool(renderer), remark)]
     display = has_display(sys.platform, os.environ)
