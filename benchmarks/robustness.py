@@ -69,12 +69,7 @@ def agreement(
 
 
 def main(folder: tyro.conf.Positional[Path], *, seeds: int = 20) -> None:
-    """Run or resume the variants, a folder each, and store and print the numbers.
-
-    Args:
-        folder: Folder of the studies.
-        seeds: Number of seeds of every variant.
-    """
+    """Run or resume the variants in FOLDER, and store and print the numbers."""
     trials = named_trials(TRACKS["learner"].trials)
     numbers: dict[str, dict[str, dict[str, float]]] = {}
     for name, variant in VARIANTS.items():

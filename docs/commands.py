@@ -1,4 +1,4 @@
-"""Tables of commands, policies and arms, from code and results: a hook of MkDocs."""
+"""Tables of commands, policies and robots, from code and results: a hook of MkDocs."""
 
 import dataclasses
 import json
@@ -14,7 +14,7 @@ from gplfd_experiments.cli.doctor import catalogue
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Put a table in the place of ``<!-- table: NAME -->``."""
-    for table in (commands, policies, arms):
+    for table in (commands, policies, arms, random_commands):
         mark = f"<!-- table: {table.__name__} -->"
         if mark in markdown:
             markdown = markdown.replace(mark, "\n".join(table()))
@@ -92,3 +92,15 @@ def arms() -> Iterator[str]:
         if arm["opened"]:
             opened, result = "yes", f"{arm['radial_force_N']:.1f} N"
         yield f"| {arm['arm']} | {opened} | {arm.get('base', '')} | {result} |"
+
+
+def random_commands() -> Iterator[str]:
+    """Yield by how much random commands exceed limits, by docs/results."""
+    file = Path(__file__).with_name("results") / "random-commands.json"
+    heads = "joint speed [rad/s]", "joint beyond its range [rad]"
+    heads += "leaf beyond its stop [°]", "leaf into its frame [°]", "penetration [mm]"
+    yield f"| robot, grasp | {' | '.join(heads)} |\n| :-- |{' --: |' * len(heads)}"
+    for row in json.loads(file.read_text())["rows"]:
+        robot, grasp, *excesses = row.values()
+        cells = " | ".join(f"{excess:.2g}" for excess in excesses)
+        yield f"| `{robot}`, {grasp} | {cells} |"
