@@ -1,14 +1,17 @@
 """Images and videos for the documents; what they show is in pictures.toml.
 
-MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,recordings,readme,learners}
-
-All are drawn from logs of episodes. Without a screen MUJOCO_GL must be set before
-Python starts.
+MUJOCO_GL=egl python benchmarks/pictures.py COMMAND, each of which draws some of them:
+{gallery,films,recordings,readme,learners,figures}. docs/images/made-from.json says what
+an image shows, so that a test finds those that are older. Without a screen MUJOCO_GL
+must be set before Python starts.
 """
 
 import contextlib
+import hashlib
 import io
 import itertools
+import json
+import shutil
 import subprocess
 import tempfile
 import time
@@ -26,11 +29,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from rerun.experimental import ViewerClient
 
-from gplfd_env.doors.config import DOORS, door_config
+from gplfd_env.doors.config import door_config
 from gplfd_env.envs.camera import Camera
+from gplfd_experiments.data.importing import PICTURE, import_recordings
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.files.plain_data import read_json, write_json
+from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.recording.episode import record_episode
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
@@ -41,11 +48,53 @@ from gplfd_experiments.studies.trials.protocol import (
     named_trials,
     trial_tasks,
 )
+from gplfd_experiments.workflows.figures import draw_figures
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _SHOWN: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-_IMAGES: Final = Path("docs/images")
+_ROOT: Final = Path(__file__).parents[1]
+_IMAGES: Final = _ROOT / "docs/images"
+_MADE_FROM: Final = _IMAGES / "made-from.json"
 _PAUSE: Final = 1000  # Duration of the last frame of an animation [ms].
+
+
+def episode_of(scene: Mapping[str, Any]) -> EpisodeTask:
+    """Return the episode that a scene of pictures.toml describes."""
+    fields = {"policy": "oracle", "seed": 0} | dict(scene)
+    title, door = fields.pop("title"), door_config(fields.pop("door"))
+    drawn = ("angle", "curve")
+    return episode_task(title, door, **{n: fields[n] for n in fields if n not in drawn})
+
+
+def made_from() -> dict[str, str]:
+    """Return a hash of what every image shows, by its path in docs/images.
+
+    It is of episodes, of what their policies did in the protocol, of texts and of the
+    files that pictures.toml names.
+    """
+    trials, shown = read_json(leaderboard.STORED)["trials"], {}
+    levels = [level for trial in trials.values() for level in trial.values()]
+    for name, scenes in _SHOWN["scenes"].items():
+        shown[name] = [*map(episode_of, scenes)], scenes
+    for name, film in _SHOWN["films"].items():
+        shown[f"films/{name}.gif"] = [task_of(name)], film
+    hashes = {}
+    for name in {*shown, *_SHOWN["files"]}:
+        tasks, scenes = shown.get(name, ((), ()))
+        did = [level.get(task.policy) for task in tasks for level in levels]
+        read = [content_hash(_ROOT / file) for file in _SHOWN["files"].get(name, ())]
+        text = json.dumps([[task.key for task in tasks], scenes, did, read])
+        hashes[name] = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashes
+
+
+@contextlib.contextmanager
+def made(name: str) -> Iterator[Path]:
+    """Give the path of an image that is written, and store what it was made from."""
+    with complete_or_absent(_IMAGES / name) as temporary:
+        yield temporary
+    stored = read_json(_MADE_FROM) | {name: made_from()[name]}
+    write_json(_MADE_FROM, dict(sorted(stored.items())))
 
 
 def model_of(task: EpisodeTask) -> mujoco.MjModel:
@@ -81,8 +130,7 @@ def write_gif(
     ]
     lasting = [round(1000.0 * period)] * (len(images) - 1) + [_PAUSE]
     look: dict[str, Any] = {"format": "GIF", "duration": lasting, "loop": 0}
-    with complete_or_absent(path) as temporary:
-        images[0].save(temporary, save_all=True, append_images=images[1:], **look)
+    images[0].save(path, save_all=True, append_images=images[1:], **look)
 
 
 # --- Gallery -----------------------------------------------------------------
@@ -91,7 +139,6 @@ _COLUMNS, _FRAME, _SHADES = 3, 12, 256
 """Columns of the gallery; control periods per frame and colours of an animation."""
 _BAR: Final = 20  # Height of a line of text [px].
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)
-_ANIMATED: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 
 
 def overviews(
@@ -108,9 +155,7 @@ def overviews(
 
 def pictured(scene: Mapping[str, Any], width: int) -> Image.Image:
     """Open a door and return an image of it at the scene's angle."""
-    door, base = door_config(scene["door"]), {"base": scene["base"]}
-    task = episode_task(scene["title"], door, policy="oracle", seed=0, **base)
-    log = episode_log(task)
+    log = episode_log(task := episode_of(scene))
     reached = np.degrees(log.opening.door_angle) >= scene["angle"]
     (image,) = overviews(task, log, [int(reached.argmax())], width)
     return image
@@ -131,18 +176,20 @@ def gallery() -> None:
 
     `gp` learned from three other doors of that kind.
     """
-    width, scenes = 400, _SHOWN["gallery"]
-    images = [lettered(pictured(scene, width), scene["title"]) for scene in scenes]
+    width, shown = 400, _SHOWN["scenes"]
+    images = [lettered(pictured(s, width), s["title"]) for s in shown["gallery.png"]]
     firsts = range(0, len(images), _COLUMNS)
     rows = [np.hstack([*map(np.asarray, images[n : n + _COLUMNS])]) for n in firsts]
-    with complete_or_absent(_IMAGES / "gallery.png") as temporary:
-        Image.fromarray(np.vstack(rows)).save(temporary, format="PNG")
-    for name, door in _ANIMATED.items():
-        task = episode_task(door, DOORS[door], policy="gp", seed=0, base="mobile")
-        log = episode_log(task)
+    with made("gallery.png") as path:
+        Image.fromarray(np.vstack(rows)).save(path, format="PNG")
+    with made("scene.png") as path:
+        pictured(*shown["scene.png"], 640).save(path, format="PNG")
+    for name in ("opening.gif", "folding.gif"):
+        log = episode_log(task := episode_of(*shown[name]))
         last = log.times.size - 1
         frames = overviews(task, log, [*range(0, last, _FRAME), last], width)
-        write_gif(_IMAGES / name, frames, _FRAME * log.dt, _SHADES)
+        with made(name) as path:
+            write_gif(path, frames, _FRAME * log.dt, _SHADES)
 
 
 # --- Films of the trials -----------------------------------------------------
@@ -240,35 +287,51 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
 
 def films(trials: tuple[str, ...] = tuple(TRIALS)) -> None:
     """Film some trials, or all; takes a minute."""
-    (_IMAGES / "films").mkdir(parents=True, exist_ok=True)
     for name in trials:
-        film_trial(_IMAGES / f"films/{name}.gif", name, (320, 240))
+        with made(f"films/{name}.gif") as path:
+            film_trial(path, name, (320, 240))
 
 
 # --- Recordings ---------------------------------------------------------------
 
 
 def recordings() -> None:
-    """Draw recording.png: `gp` at the medium door in Rerun, which opens no window."""
-    task = episode_task("medium", DOORS["medium"], policy="gp", seed=0)
-    demonstrations = demonstrations_of(task).demonstrations
+    """Draw recordings of `gp` at the medium door in Rerun, which needs Vulkan."""
     options = ["--headless", "--bind", "127.0.0.1", "--port", "9871", "--window-size"]
     options += ["1400x864", "--hide-welcome-screen"]
+    for name, left in (("recording.png", 0), ("expected_force.png", 764)):
+        task = episode_of(*_SHOWN["scenes"][name])
+        demonstrations = demonstrations_of(task).demonstrations
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "recording.rrd")
+            record_episode(path, episode_log(task), model_of(task), demonstrations)
+            command = [viewer(), *options, str(path)]
+            with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+                try:
+                    time.sleep(10.0)  # It starts and loads; its messages fade out.
+                    client = ViewerClient.connect("rerun+http://127.0.0.1:9871/proxy")
+                    client.set_time("sim_time", duration=3.3, play_state="paused")
+                    client.take_screenshot()  # still of the time before
+                    image = Image.open(io.BytesIO(client.take_screenshot()))
+                finally:
+                    process.terminate()
+        with made(name) as path:
+            image = image.crop((left, 0, *image.size)).convert("RGB").quantize(256)
+            image.save(path, format="PNG")
+
+
+def figures() -> None:
+    """Draw figures of the method, and recordings of a person before and after."""
+    files = [_ROOT / file for file in _SHOWN["files"]["recordings.png"]]
+    drawn = {"recordings.png": f"set/{PICTURE}"}
+    drawn |= {f"{name}.png": f"{name}.png" for name in ("fig09", "fig10")}
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "recording.rrd")
-        record_episode(path, episode_log(task), model_of(task), demonstrations)
-        command = [viewer(), *options, str(path)]
-        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-            try:
-                time.sleep(10.0)  # It starts and loads; its messages fade out.
-                client = ViewerClient.connect("rerun+http://127.0.0.1:9871/proxy")
-                client.set_time("sim_time", duration=3.3, play_state="paused")
-                client.take_screenshot()  # still of the time before
-                image = Image.open(io.BytesIO(client.take_screenshot()))
-            finally:
-                process.terminate()
-    with complete_or_absent(_IMAGES / "recording.png") as temporary:
-        image.convert("RGB").quantize(256).save(temporary, format="PNG")
+        settings = ImportSettings(recorded_rate=20.0)
+        import_recordings(files, Path(folder, "set"), settings)
+        draw_figures(Path(folder), ("fig09", "fig10"), seed=0, options={})
+        for name, file in drawn.items():
+            with made(name) as path:
+                shutil.copyfile(Path(folder, file), path)
 
 
 # --- README --------------------------------------------------------------------
@@ -279,10 +342,7 @@ _CURVED: Final = (180, 40, 30)
 
 def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Image]:
     """Return images of an episode at some times, with its force so far below each."""
-    settings = {name: scene[name] for name in ("base", "disturbance") if name in scene}
-    door, policy = DOORS[scene["door"]], scene["policy"]
-    task = episode_task(scene["door"], door, policy=policy, seed=0, **settings)
-    log = episode_log(task)
+    log = episode_log(task := episode_of(scene))
     force = np.abs(getattr(log.forces, scene["curve"]))
     rows = np.clip(np.searchsorted(log.times, times), 0, log.times.size - 1)
     scale = [_PART / times[-1], -_CURVE / 100.0]
@@ -303,22 +363,21 @@ def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Ima
 def readme() -> None:
     """Draw quartet.gif, four episodes side by side; takes two minutes."""
     times = np.arange(0.0, _LONGEST, 1.5 * _EVERY)
-    parts = [part(scene, times) for scene in _SHOWN["quartet"]]
+    parts = [part(scene, times) for scene in _SHOWN["scenes"]["quartet.gif"]]
     frames = [
         Image.fromarray(np.vstack([np.hstack(images[:2]), np.hstack(images[2:])]))
         for images in zip(*parts, strict=True)
     ]
-    write_gif(_IMAGES / "quartet.gif", frames, 1.5 * _PERIOD, colours=128)
+    with made("quartet.gif") as path:
+        write_gif(path, frames, 1.5 * _PERIOD, colours=128)
 
 
 def learners() -> None:
     """Draw learners-doors.svg: the track of learners, with 95 % intervals."""
     figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.6), sharey=True)
     trials = TRACKS["learner"].trials
-    answers = leaderboard.answers_of(filter(Path.exists, [leaderboard.STORED]))
+    answers = leaderboard.answers_of([leaderboard.STORED])
     policies = leaderboard.ranked(answers, trials)[::-1]
-    if not policies:
-        figure.suptitle("not run yet")
     titles = {"success": "doors opened [%]", "force_radial_20ms": "force across [N]"}
     for axis, (measure, title) in zip(axes, titles.items(), strict=True):
         values = [leaderboard.by_seed(answers, trials, p, measure) for p in policies]
@@ -327,10 +386,10 @@ def learners() -> None:
         ends = np.array([[s.low for s in shifts], [s.high for s in shifts]])
         axis.barh(policies, means, xerr=np.abs(ends - means), ecolor="black")
         axis.set_xlabel(title)
-    with complete_or_absent(_IMAGES / "learners-doors.svg") as temporary:
-        figure.savefig(temporary, format="svg", bbox_inches="tight")
+    with made("learners-doors.svg") as path:
+        figure.savefig(path, format="svg", bbox_inches="tight")
 
 
 if __name__ == "__main__":
-    commands = (gallery, films, recordings, readme, learners)
+    commands = (gallery, films, recordings, readme, learners, figures)
     tyro.extras.subcommand_cli_from_dict({made.__name__: made for made in commands})

@@ -16,6 +16,7 @@ import pytest
 import tyro
 from PIL import Image
 
+from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.studies.trials import protocol
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS
 
@@ -24,10 +25,8 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
 sys.path.append(str(ROOT / "docs"))  # a hook of MkDocs
-leaderboard, measured, pictures, robots, speed = map(
-    importlib.import_module,
-    ("leaderboard", "measured", "pictures", "robots", "speed"),
-)
+SCRIPTS = ("leaderboard", "measured", "pictures", "robots", "speed")
+leaderboard, measured, pictures, robots, speed = map(importlib.import_module, SCRIPTS)
 
 
 @pytest.fixture(autouse=True)
@@ -64,35 +63,39 @@ def test_environment_agents_and_vectors_are_measured(monkeypatch):
     assert "2 `gp` agents in lockstep" in values
 
 
-def test_tables_of_robots_are_written_into_their_pages(monkeypatch, tmp_path):
+def test_results_of_robots_are_rows(monkeypatch, tmp_path):
     monkeypatch.setattr(robots, "DOCS", tmp_path)
     monkeypatch.setattr(robots, "ROBOTS", ("ur5e-like",))
     monkeypatch.setattr(robots, "ARMS", {"None": "none.urdf"})
+    monkeypatch.setattr(robots, "EXAMPLES", tmp_path)
     (tmp_path / "none.urdf").write_text("<robot name='none'><link name='a'/></robot>")
-    page = tmp_path / "environment.md"
-    page.write_text("a\n<!-- random-commands -->\n\n<!-- random-commands -->\nb\n")
-    (tmp_path / "results").mkdir()
     robots.commands(steps=2)
-    robots.arms(tmp_path)
-    rows = json.loads((tmp_path / "results/random-commands.json").read_text())["rows"]
+    robots.arms()
+    rows = read_json(tmp_path / "results/random-commands.json")["rows"]
     assert [row["grasp"] for row in rows] == ["contact", "weld"]
-    assert "\n| `ur5e-like`, weld | " in page.read_text()
-    (arm,) = json.loads((tmp_path / "results/arms.json").read_text())["rows"]
+    (arm,) = read_json(tmp_path / "results/arms.json")["rows"]
     assert (arm["arm"], arm["opened"]) == ("None", False)
     assert "none.urdf" in arm["reason"]
-    page.write_text("a\n")
-    with pytest.raises(ValueError, match=r"environment\.md has no table between"):
-        robots.commands(steps=2)
 
 
-@pytest.mark.parametrize("trial", TRIALS)
-def test_the_page_of_tasks_shows_every_condition(trial):
-    assert pictures.task_of(trial).policy == "gp"
-    film = ROOT / "docs" / "images" / "films" / f"{trial}.gif"
-    assert film.stat().st_size < 300_000
+def test_no_image_of_the_pages_is_older_than_what_it_shows():
+    """Every image has the hash of the present episodes, results, texts and files."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    texts = "".join(page.read_text() for page in pages)
+    shown = set(re.findall(r"\]\((?:docs/)?images/([^)]+)\)", texts))
+    stored = read_json(ROOT / "docs/images/made-from.json")
+    assert stored == pictures.made_from()
+    assert shown == set(stored)
+
+
+def test_the_page_of_tasks_shows_every_condition():
     page = (ROOT / "docs" / "tasks.md").read_text()
-    assert f"(images/films/{trial}.gif)" in page
-    assert f"{{{{ scored / {trial} }}}}" in page
+    for trial in TRIALS:
+        assert pictures.task_of(trial).policy == "gp"
+        film = f"images/films/{trial}.gif"
+        assert (ROOT / "docs" / film).stat().st_size < 300_000
+        assert f"({film})" in page
+        assert f"{{{{ scored / {trial} }}}}" in page
 
 
 @pytest.mark.needs("opengl")
