@@ -72,7 +72,8 @@ def made_from() -> dict[str, str]:
     It is of episodes, of what their policies did in the protocol, of texts and of the
     files that pictures.toml names.
     """
-    trials, shown = read_json(leaderboard.STORED)["trials"], {}
+    trials = read_json(leaderboard.STORED)["trials"]
+    shown = {"learners-doors.svg": ((), [trials[t] for t in TRACKS["learner"].trials])}
     levels = [level for trial in trials.values() for level in trial.values()]
     for name, scenes in _SHOWN["scenes"].items():
         shown[name] = [*map(episode_of, scenes)], scenes
@@ -374,6 +375,7 @@ def readme() -> None:
 
 def learners() -> None:
     """Draw learners-doors.svg: the track of learners, with 95 % intervals."""
+    plt.rcParams["svg.hashsalt"] = "gplfd"  # the same names in every drawing
     figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.6), sharey=True)
     trials = TRACKS["learner"].trials
     answers = leaderboard.answers_of([leaderboard.STORED])
@@ -387,7 +389,7 @@ def learners() -> None:
         axis.barh(policies, means, xerr=np.abs(ends - means), ecolor="black")
         axis.set_xlabel(title)
     with made("learners-doors.svg") as path:
-        figure.savefig(path, format="svg", bbox_inches="tight")
+        figure.savefig(path, format="svg", bbox_inches="tight", metadata={"Date": None})
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tyro
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.studies.trials import protocol
@@ -82,19 +82,16 @@ def test_no_image_of_the_pages_is_older_than_what_it_shows():
     """Every image has the hash of the present episodes, results, texts and files."""
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     texts = "".join(page.read_text() for page in pages)
-    shown = set(re.findall(r"\]\((?:docs/)?images/([^)]+)\)", texts))
     stored = read_json(ROOT / "docs/images/made-from.json")
     assert stored == pictures.made_from()
-    assert shown == set(stored)
+    assert set(re.findall(r"\]\((?:docs/)?images/([^)]+)\)", texts)) == set(stored)
 
 
 def test_the_page_of_tasks_shows_every_condition():
     page = (ROOT / "docs" / "tasks.md").read_text()
     for trial in TRIALS:
-        assert pictures.task_of(trial).policy == "gp"
-        film = f"images/films/{trial}.gif"
-        assert (ROOT / "docs" / film).stat().st_size < 300_000
-        assert f"({film})" in page
+        film = ROOT / f"docs/images/films/{trial}.gif"
+        assert film.stat().st_size < 300_000
         assert f"{{{{ scored / {trial} }}}}" in page
 
 
@@ -111,9 +108,8 @@ def test_a_scene_is_pictured_and_a_film_shows_the_hand_s_way(tmp_path, monkeypat
     pictures.film_trial(tmp_path / "radius.gif", "radius", (160, 120))
     red, blue = [], []
     with Image.open(tmp_path / "radius.gif") as film:
-        for number in range(film.n_frames):
-            film.seek(number)
-            r, g, b = np.moveaxis(np.asarray(film.convert("RGB"), dtype=int), -1, 0)
+        for frame in ImageSequence.Iterator(film):
+            r, g, b = np.moveaxis(np.asarray(frame.convert("RGB"), dtype=int), -1, 0)
             red.append(int(np.sum((r > 1.5 * g) & (r > 1.5 * b))))
             blue.append(int(np.sum((b > 1.5 * r) & (b > 1.2 * g))))
     assert red[0] < 5

@@ -76,13 +76,9 @@ def alone(tmp_path):
     same = {k: v for k, v in os.environ.items() if k == "OPENBLAS_CORETYPE"}
 
     def run(program, *arguments):
+        command = [sys.executable, "-c", ALONE + program, *arguments]
         return subprocess.run(
-            [sys.executable, "-c", ALONE + program, *arguments],
-            cwd=tmp_path,
-            env=same,
-            capture_output=True,
-            text=True,
-            check=False,
+            command, cwd=tmp_path, env=same, capture_output=True, text=True, check=False
         )
 
     return run
