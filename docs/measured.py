@@ -15,6 +15,7 @@ Every measure has one statistic, that of benchmarks/leaderboard.py. As long as a
 does not exist, its numbers are "not run yet"; a name that it lacks is an error.
 """
 
+import functools
 import itertools
 import re
 import sys
@@ -73,7 +74,7 @@ def number(macro: str) -> str:
     path = RESULTS / f"{file}.json"
     if not path.exists():
         return board.NOT_RUN
-    content = read_json(path)
+    content = _content(path, path.stat().st_mtime_ns)
     if "trials" not in content:
         return _opened_of_rows(content["rows"], *where)
     if where == ["episodes"]:
@@ -90,6 +91,12 @@ def number(macro: str) -> str:
     trial, level, policy = place
     result = content["trials"][trial][level][policy][measure]
     return _with_interval(result, measure)
+
+
+@functools.cache
+def _content(path: Path, changed_at: int) -> Any:
+    """Read a file once: the pages have hundreds of numbers of it."""
+    return read_json(path)
 
 
 def _with_interval(result: Mapping[str, Any], name: str) -> str:

@@ -127,6 +127,17 @@ def policies_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """End episodes after 1.5 s, where it does not matter whether a door opens."""
+    import gymnasium
+
+    from gplfd_env import ENVIRONMENT_IDS
+
+    for name in ENVIRONMENT_IDS.values():
+        monkeypatch.setattr(gymnasium.spec(name), "max_episode_steps", 150)
+
+
+@pytest.fixture
 def run_python(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Return a function: runs Python in the test's folder, where it must succeed.
 

@@ -9,12 +9,10 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_experiments.analysis.report.document import markdown_page
@@ -300,13 +298,6 @@ def reads_here() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importing, "read_files", read)
         yield
-
-
-@pytest.fixture
-def short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """End episodes after 1.5 s, where it does not matter whether a door opens."""
-    for name in ENVIRONMENT_IDS.values():
-        monkeypatch.setattr(gym.spec(name), "max_episode_steps", 150)
 
 
 @pytest.fixture

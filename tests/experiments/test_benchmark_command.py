@@ -124,12 +124,15 @@ def test_every_condition_has_a_table_and_as_json_its_rows(
 WAITING = """\
 import time
 from pathlib import Path
-from gplfd_policies import make_agent
+
+class Pushing:  # Its hand slips off the handle at once.
+    def act(self, observation):
+        return [-0.3, 0.3, 0.0, 0.0, 0.0, 0.0]
 
 def make(training):
     while training.seed >= int(Path("allowed").read_text()):
         time.sleep(0.02)
-    return make_agent("oracle", training.demonstrations)
+    return Pushing()
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 

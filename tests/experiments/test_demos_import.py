@@ -61,6 +61,7 @@ def imported(*arguments: str) -> int:
     return cli.main(["demos", "import", *arguments, "--quiet"])
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
     # As a shell that finds no such file leaves wildcards alone.
     assert imported("[0-9].csv", "--out", "set", "--frame", "hinge") == 0
@@ -107,7 +108,7 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
         assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
 
 
-@pytest.mark.usefixtures("reads_here")
+@pytest.mark.usefixtures("no_picture", "reads_here")
 def test_a_folder_that_another_command_makes_meanwhile_is_not_replaced(
     files, monkeypatch, caplog
 ):
@@ -124,6 +125,7 @@ def test_a_folder_that_another_command_makes_meanwhile_is_not_replaced(
     assert Path("set/demonstrations.npz").read_bytes() == b"a run's"
 
 
+@pytest.mark.usefixtures("reads_here")
 def test_forces_are_imported_as_the_options_say(files):
     first, *rows = Path("0.csv").read_text().splitlines()
     forces = [f"{row},0,0,{5.0 + number % 3},0,0,0" for number, row in enumerate(rows)]

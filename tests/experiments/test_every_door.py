@@ -40,7 +40,7 @@ def test_run_opens_it(gplfd, tmp_path, door, start):
 
 
 @pytest.mark.filterwarnings("ignore:rests")
-def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path):
+def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path, request):
     doors = ("small", "room-584")
     out = tmp_path / "run"
     assert gplfd("run", "--policy", "promp", "--doors", *doors, "--out", "run") == 0
@@ -54,10 +54,12 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path):
     assert levers.radii == (0.53, 0.53, 0.65, 0.65, 0.78, 0.78)
     together = EpisodeLog.load(out / "room-584.npz")
     # Alone or beside doors of another kind, an episode is the same.
+    request.getfixturevalue("short_episodes")
     given = ("--policy", "promp", "--doors", "room-584")
     assert gplfd("run", *given, "--out", "alone") == 0
-    alone = EpisodeLog.load(tmp_path / "alone" / "room-584.npz")
-    np.testing.assert_array_equal(alone.motion.ee_pose, together.motion.ee_pose)
+    alone = EpisodeLog.load(tmp_path / "alone" / "room-584.npz").motion.ee_pose
+    assert len(alone) > 100
+    np.testing.assert_array_equal(alone, together.motion.ee_pose[: len(alone)])
 
 
 def test_one_data_set_is_of_one_kind_of_doors(gplfd, capsys):

@@ -67,14 +67,10 @@ def opened():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_draw_from_logs_without_simulating(name, drawn, tmp_path):
+def test_figures_draw_from_logs_without_simulating(name, drawn):
     figure, caption = drawn(name)
     with style.paper_style():
-        style.write_figure(figure, tmp_path, name)
-    assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-    svg = (tmp_path / f"{name}.svg").read_bytes()
-    assert b"</svg>" in svg
-    assert b"<dc:date>" not in svg
+        figure.draw_without_rendering()  # Fails where layout or a formula does.
     assert figure.canvas.manager is None
     assert len(caption) > 300
     assert "paper" in caption
@@ -100,6 +96,10 @@ def test_the_user_s_configuration_of_matplotlib_changes_nothing(tmp_path):
         files = [tmp_path / f"figure{end}" for end in (".svg", ".png")]
         written.append([file.read_bytes() for file in files])
     assert written[0] == written[1]
+    svg, png = written[0]
+    assert png.startswith(b"\x89PNG")
+    assert b"</svg>" in svg
+    assert b"<dc:date>" not in svg
 
 
 def test_agents_of_a_log_decide_the_same_again(opened):
@@ -295,12 +295,12 @@ def test_the_command_draws_some_figures(gplfd, tmp_path, make_log, monkeypatch):
     monkeypatch.setattr(module.build, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(module, "rollout", short)
     out = tmp_path / "out"
-    for only in ("fig10", "fig07"):
+    for only in ("fig10", "fig03"):
         assert gplfd("figures", "--out", "out", "--only", only) == 0
-    images = {f"{name}{end}" for name in ("fig07", "fig10") for end in (".png", ".svg")}
+    images = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
     expected = {*images, "captions.md", "figures.json"}
     assert {path.name for path in out.iterdir()} == expected
     captions = (out / "captions.md").read_text()
     heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]
-    assert heads == ["## fig07", "## fig10"]
+    assert heads == ["## fig03", "## fig10"]
     assert json.loads((out / "figures.json").read_text())["config"]["seed"] == 0

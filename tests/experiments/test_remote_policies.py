@@ -18,11 +18,9 @@ from websockets.sync.server import serve
 
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import open_together
 from gplfd_experiments.episodes.log import PARTS, arrays_of
 from gplfd_experiments.episodes.task import episode_task, named_doors
-from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
@@ -97,12 +95,11 @@ def comparable(result):
 
 @pytest.mark.bits
 def test_a_study_behind_a_socket_is_that_of_one_process(served, tmp_path, capsys):
-    demonstrations = Teacher().standard_demonstrations(seed=0)
     connections = itertools.count()
 
     def handle(connection):
         next(connections)
-        agent = make_agent("promp", demonstrations)
+        agent = make_agent("hinge-fit", ())
         for number, data in enumerate(connection):
             observation = unpack(data)
             assert observation.pop("prompt") == "open the door"
@@ -110,11 +107,11 @@ def test_a_study_behind_a_socket_is_that_of_one_process(served, tmp_path, capsys
                 agent.reset(observation)
             connection.send(pack({"actions": agent.act(observation).action[None]}))
 
-    address = served(handle, pack({"policy": "promp", "layers": np.arange(2)}))
-    doors, metadata = ("small", "0.6"), '{"layers": [0, 1], "policy": "promp"}'
-    here = list(map(comparable, run_job(tuple(tasks("promp", doors=doors)))))
+    address = served(handle, pack({"policy": "circle", "layers": np.arange(2)}))
+    doors, metadata = ("small", "0.6"), '{"layers": [0, 1], "policy": "circle"}'
+    here = list(map(comparable, run_job(tuple(tasks("hinge-fit", doors=doors)))))
     study = tasks(address, metadata, doors)
-    list(run_study(tmp_path / "study", study, Engine(workers=2)))
+    list(run_study(tmp_path / "study", study))
     there = stored_results(tmp_path / "study", study).finished
     for alone, result in zip(here, map(comparable, there), strict=True):
         # A server explains nothing: there is no stiffness.

@@ -52,6 +52,12 @@ def exported(skill_file):
     return path, states_of(path.poses), door
 
 
+@pytest.fixture
+def few_tries(monkeypatch):
+    """Search stances from an eighth of the tries: enough for these doors."""
+    monkeypatch.setattr("gplfd_env.robot.search._TRIES", 8)
+
+
 def test_tables_are_read_back_bit_for_bit(exported):
     path, states, door = exported
     first, second, *lines = door.with_suffix(".csv").read_text().splitlines()
@@ -234,6 +240,7 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     assert stiffness == pytest.approx(500.0, rel=0.05)
 
 
+@pytest.mark.usefixtures("few_tries")
 def test_a_dry_run_stands_where_the_frame_says(skill_file, monkeypatch):
     """In the base frame the hand begins at the handle and is pulled along its x."""
     monkeypatch.setattr(exports, "_APART", 80)  # A stance for few places of the path.
@@ -251,6 +258,7 @@ def test_a_dry_run_stands_where_the_frame_says(skill_file, monkeypatch):
     np.testing.assert_allclose(distances, 0.35, atol=0.01)
 
 
+@pytest.mark.usefixtures("few_tries")
 def test_a_frame_out_of_reach_says_where_it_is_in_reach(
     skill_file, tmp_path, capsys, monkeypatch
 ):

@@ -58,6 +58,7 @@ FEW: Any = {part: dataclasses.replace(of, seeds=2) for part, of in PARTS.items()
 
 
 @functools.cache
+@functools.cache
 def tasks_of(part: ProtocolPart = "whole") -> tuple[EpisodeTask, ...]:
     with mock.patch.object(protocol, "PARTS", FEW):
         return trial_tasks(named_trials((), part), part=part)

@@ -49,6 +49,7 @@ def test_every_example_is_known():
     assert set(EXPECTED) | ELSEWHERE == set(ALL)
 
 
+@pytest.mark.usefixtures("short_episodes")
 @pytest.mark.parametrize("name", EXPECTED)
 def test_example_runs(name, tmp_path, printed):
     said, left = EXPECTED[name]

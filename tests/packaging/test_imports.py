@@ -23,6 +23,9 @@ for modules, left_out in {LEFT_OUT}.items():
     assert "mujoco" in sys.modules or state() == before, modules
     loaded = {{*left_out.split()}} & {{*sys.modules}}
     assert not loaded, (modules, loaded)
+pools = threadpoolctl.threadpool_info()
+blas = [pool["num_threads"] for pool in pools if pool["user_api"] == "blas"]
+assert len(blas) > 1 and {{*blas}} == {{1}}, pools
 """
 
 
@@ -32,8 +35,9 @@ def test_importing_changes_nothing_outside_and_leaves_slow_libraries(
     """No file written, no environment variable set, no global random state touched.
 
     Imported first: the two dependencies that set variables of their own. From the
-    package that loads least on: what one module loads, those after it have.
+    package that loads least on: what one module loads, those after it have. BLAS of
+    NumPy and of SciPy has one thread then, whatever number it was given.
     """
-    ran = run_python("-W", "error", "-c", PROGRAM)
+    ran = run_python("-W", "error", "-c", PROGRAM, OPENBLAS_NUM_THREADS="2")
     assert (ran.stdout, ran.stderr) == ("", "")
     assert list(tmp_path.iterdir()) == []

@@ -84,6 +84,7 @@ def alone(tmp_path):
     return run
 
 
+@pytest.mark.filterwarnings("ignore:3 demonstrations")
 def test_agents_act_bit_for_bit_as_with_everything(alone, tmp_path, monkeypatch):
     """From a skill's file and from demonstrations, motions and forces, a door long.
 
@@ -91,7 +92,7 @@ def test_agents_act_bit_for_bit_as_with_everything(alone, tmp_path, monkeypatch)
     """
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     monkeypatch.chdir(tmp_path)
-    shown = Teacher(forces=ForceConfig()).standard_demonstrations(seed=0)
+    shown = Teacher(forces=ForceConfig()).standard_demonstrations(seed=0, per_door=1)
     save_demonstrations("shown.npz", shown)
     skill = POLICIES["gp"].method.learn(TrainingInput(demonstrations=shown))
     skill.save("skill.npz")

@@ -84,7 +84,7 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
 def test_rendered_stiffness_keeps_the_stability_bound(skill, radius, monkeypatch):
     """Recomputed from K alone, by condition (2), not from what the governor reports."""
     monkeypatch.setattr("gplfd_policies.control.compliance._STD_TIMES", (0.0, 0.0))
-    steps, _ = ideal_door(agent_of(skill, via_spacing=0.2), radius, 600)
+    steps, _ = ideal_door(agent_of(skill, via_spacing=0.2), radius, 450)
     frames, gamma = stacked(steps, "frame"), 70.0
 
     def excess(stiffness):
@@ -107,7 +107,7 @@ def test_an_episode_begins_as_the_first_whatever_was_before(skill):
 
 
 def test_via_points_change_uncertainty_and_stiffness_in_small_steps(skill):
-    steps, _ = ideal_door(agent_of(skill), 0.5, 600)
+    steps, _ = ideal_door(agent_of(skill), 0.5, 400)
     moving = stacked(steps, "observed_phase") > 0.03
     changes = np.diff(stacked(steps, "stiffness")[moving, :3], axis=0)
     assert sum(step.via_point for step in steps) > 40

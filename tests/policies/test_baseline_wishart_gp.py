@@ -25,9 +25,9 @@ def prior(degrees=3, floor=1e-3):
 
 
 def covariance(process, weights, times):
-    """Σ(t) for the weights."""
-    unit = np.einsum("kdr,mr->mdk", weights, process.features(times))
-    return process.scaled(unit @ unit.swapaxes(1, 2))
+    """Σ(t) for the weights, of one draw or of many."""
+    unit = np.einsum("...kdr,mr->...mdk", weights, process.features(times))
+    return process.scaled(unit @ unit.swapaxes(-2, -1))
 
 
 def test_sampler_meets_a_gaussian_posterior():
@@ -52,12 +52,8 @@ def test_prior_draws_average_to_nu_l_lt():
     lower = np.linalg.cholesky(MEAN / 3)
     assert_allclose(process.lower, lower)
     times = np.array([0.1, 0.3, 0.9])
-    draws = np.array(
-        [
-            covariance(process, rng.standard_normal(process.shape), times)
-            for _ in range(16000)
-        ]
-    )
+    weights = rng.standard_normal((16000, *process.shape))
+    draws = covariance(process, weights, times)
     assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)
     # A Wishart variance of ν degrees of freedom, less the floor: 2 (Σ_ii)²/ν.
     variances = draws[:, :, [0, 1], [0, 1]]

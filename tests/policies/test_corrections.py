@@ -1,6 +1,7 @@
 """A correction of a motion: what it is, how a skill learns from it, and keeps it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ from gplfd_policies.demonstrations.demonstration import Correction
 pytestmark = pytest.mark.slow
 
 GP = POLICIES["gp"].method
+GP = replace(
+    GP, pipeline=replace(GP.pipeline, align=partial(GP.pipeline.align, n_samples=80))
+)
 NOISE = np.repeat([1e-3, 4e-3], 3)
 
 

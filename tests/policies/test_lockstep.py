@@ -126,7 +126,7 @@ def steps_of(
     doors, history = Doors(geometries), []
     observations = doors.observe()
     batch.reset(observations)
-    for time in range(40):
+    for time in range(32):
         if time == closing:
             doors.angles[1] = 0.0
         observations, acting = doors.observe(), active(time)

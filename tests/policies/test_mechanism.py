@@ -1,6 +1,7 @@
 """The models of a mechanism, the choice among them, and what is opened with them."""
 
 import functools
+import math
 
 import numpy as np
 import pytest
@@ -172,17 +173,18 @@ def opened(policy, door, last, periods=1000):
         pose = door(q)
         command = agent.act({"ee_pose": pose, "wrench": wrench}).action
         slope = (door(q + 1e-5) - pose)[:3] / 1e-5
-        metric, force = np.linalg.norm(slope), 2000.0 * (command - pose)[:3]
+        metric, force = math.hypot(*slope), 2000.0 * (command - pose)[:3]
         slope = slope / metric
+        spring = float(force @ slope)
         for _ in range(10):
-            pulled = force @ slope - 250.0 * speed
-            friction = -2.0 * np.tanh(speed / 1e-3)
+            pulled = spring - 250.0 * speed
+            friction = -2.0 * math.tanh(speed / 1e-3)
             speed += 1e-3 * (pulled + friction) / 8.0
             q += 1e-3 * speed / metric
             stop = (q <= 0.0 and speed <= 0.0) or (q >= last and speed >= 0.0)
             if stop:
                 q, speed, friction = min(max(q, 0.0), last), 0.0, -pulled
-        across = force - (force @ slope) * slope
+        across = force - spring * slope
         turns = Rotation.from_rotvec(np.array([command[3:], pose[3:]]))
         moment = -100.0 * (turns[0] * turns[1].inv()).as_rotvec()
         wrench = np.concatenate([friction * slope - across, moment])

@@ -92,7 +92,7 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
             turn = LATCHED.travel
             continue
         # The hand follows along the path that this door allows it.
-        angles = angle + np.linspace(-0.02, 0.02, 41)
+        angles = angle + np.linspace(-0.008, 0.008, 17)
         handles = np.linspace(0.0, turn, 41)
         possible = LATCHED.hand_poses(angles[:, None], handles[None, :])
         error = np.linalg.norm((possible - step.action)[..., :3], axis=-1)

@@ -145,6 +145,7 @@ def test_a_pickled_copy_predicts_and_adapts_with_the_same_bits(name, learned, al
         assert same_bits(pickle.loads(pickle.dumps(adapted)).predict(GRID), expected)
 
 
+@pytest.mark.usefixtures("as_for_users")  # Types were checked above.
 @pytest.mark.parametrize("name", SCALED)
 def test_units_do_not_matter(name, learned, aligned):
     """Powers of two are exact, so that every search takes the same decisions."""
@@ -291,6 +292,7 @@ def test_contradicting_demands_of_no_tolerance_have_an_answer(name, learned, ali
         assert_allclose(here.mean[0], average, atol=5e-3)
 
 
+@pytest.mark.usefixtures("as_for_users")
 @pytest.mark.parametrize(
     ("name", "count"),
     [*itertools.product(("gmr", "tp-gmm", "local-gp"), (1, 6)), ("wishart-gp", 6)],
