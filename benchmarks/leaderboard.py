@@ -174,7 +174,7 @@ def verdict(answers: Answers, track: str = "learner") -> str:
     rows = [
         ("`oracle` opens", "≥ 90 %", opened[0], fmean(shares["oracle"]) >= 0.9),
         ("`mean` opens", "≤ 60 %", opened[1], fmean(mean) <= 0.6),
-        (f"best learner: `{best}` − `mean`", "≥ 15, interval > 0", gain, leads),
+        (f"best learner: `{best}` − `mean`", "≥ 15 points, interval > 0", gain, leads),
         ("separated learners", "≥ 4", f"{apart} of {len(learners)}", apart >= 4),
     ]
     heads = "criterion", "wanted", f"measured, {len(mean)} seeds", "met"

@@ -118,7 +118,9 @@ def _contrast(contrasts: Any, trial: str, sides: str, measure: str) -> str:
     for row in contrasts:
         if (row["trial"], row["with"], row["without"], row["measure"]) == wanted:
             text = _with_interval(row, measure).replace(" %", " points")
-            plus = "+" * ((row["estimate"] or 0.0) > 0.0)
+            shown = MEASURES[measure]
+            digits = 2 if shown.share else shown.digits
+            plus = "+" * (round(row["estimate"] or 0.0, digits) > 0.0)
             return f"{plus}{text}, {_p(row['p'])}"
     raise KeyError(sides)
 
