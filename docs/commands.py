@@ -70,7 +70,7 @@ def _text(value: object) -> str:
 
 def _escaped(text: str) -> str:
     """Return text for a page, on which files of pages are links."""
-    text = re.sub(r"([|<>*])", r"\\\1", text)
+    text = re.sub(r"([|>*])", r"\\\1", text.replace("<", "&lt;"))
     return re.sub(r"docs/([\w-]+\.md)", r"[\1](\1)", text)
 
 
