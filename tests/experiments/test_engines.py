@@ -1,6 +1,7 @@
 """Engines: every item comes back once, whatever happens to the workers."""
 
 import itertools
+import multiprocessing
 import os
 import re
 import sys
@@ -26,9 +27,9 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def scheduler():
-    """A cluster of two workers on this machine, whose scheduler gives up soon."""
+    """A cluster of two workers on this machine, whose scheduler gives up at once."""
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, memory_limit=None, dashboard_address=None
         ) as cluster,
@@ -84,7 +85,11 @@ def test_an_interruption_right_after_a_call_ends_quietly(monkeypatch):
             list(Engine(workers=2).run(lambda _: time.sleep(0.05), range(9)))
 
 
-def test_closing_ends_the_workers(tmp_path):
+@pytest.mark.filterwarnings("ignore:.*fork")
+def test_closing_ends_the_workers_and_no_other_process(tmp_path):
+    other = multiprocessing.get_context("fork").Process(target=time.sleep, args=[99])
+    other.start()
+
     def work(item: int) -> int:
         (tmp_path / str(os.getpid())).touch()
         time.sleep(60 * item)
@@ -98,6 +103,9 @@ def test_closing_ends_the_workers(tmp_path):
     for process in tmp_path.iterdir():
         with pytest.raises(ProcessLookupError):
             os.kill(int(process.name), 0)
+    other.join(0.1)
+    assert other.is_alive()
+    other.kill()
 
 
 @pytest.mark.parametrize(

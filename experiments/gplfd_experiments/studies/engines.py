@@ -4,7 +4,6 @@ import contextlib
 import importlib.util
 import itertools
 import logging
-import multiprocessing
 import os
 import re
 import signal
@@ -132,7 +131,7 @@ class Engine:
                 # Killed first: loky's own `kill_workers` ends its thread with a
                 # traceback where a call was not yet taken up.
                 pool = executor()
-                for worker in multiprocessing.active_children():
+                for worker in [*pool._processes.values()]:
                     worker.terminate()
                 pool.shutdown()
             return
