@@ -76,7 +76,7 @@ def test_deflection_under_a_known_load_is_load_over_stiffness(
     stiffness = share * STIFFEST
     load = np.zeros(6)
     load[axis] = stiffness[axis] * (0.004 if axis < 3 else 0.01)
-    for _ in range(800):
+    for _ in range(500 if share == 1.0 else 800):  # A stiff servo settles sooner.
         push_hand(env, load[:3], load[3:])
         observation, *_ = env.step(command(MIDDLE, stiffness))
     deflection = observation["ee_pose"] - MIDDLE

@@ -54,6 +54,7 @@ def drawn(doors, make_log):
         with pytest.MonkeyPatch.context() as patch, style.paper_style():
             patch.setattr("gymnasium.make", simulate)
             patch.setattr(synthetic, "_SETS", 3)
+            patch.setattr(synthetic, "_FRESH", 400)
             patch.setattr("gplfd_experiments.episodes.rollout.rollout", simulate)
             return FIGURES[name].draw(given)
 

@@ -34,7 +34,7 @@ from gplfd_experiments.data.settings import METRES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_cuts")]
 
 RECORDED = Path(__file__).with_name("data") / "door-opening-v0"
 N = 60

@@ -40,7 +40,7 @@ def test_the_hand_follows_the_handle_within_its_slide(name: str) -> None:
     path = np.concatenate(paths)
     path = path - path[0]
     for seed in range(4):
-        poses = demonstrate(door, ANGLE, np.random.default_rng(seed)).poses
+        poses = demonstrate(door, ANGLE, np.random.default_rng(seed)).poses[::5]
         assert_array_equal(poses[0], 0.0)
         turned = Rotation.from_rotvec([0.0, np.radians(8.0), 0.0]).apply(poses[:, :3])
         reach = np.linalg.norm(turned - poses[:, :3], axis=1).max() + 0.04

@@ -5,7 +5,8 @@ LEFT_OUT = {
     "gplfd_env": f"{DRAW} scipy gplfd_env.doors",
     "gplfd_experiments.cli.main": f"{DRAW} scipy",
     "gplfd_experiments.cli.doctor": f"{DRAW} joblib scipy.spatial",
-    "gplfd_env.task.opening, gplfd_policies": DRAW,
+    "gplfd_env.task.opening": DRAW,
+    "gplfd_policies; from gplfd_policies import *": f"{DRAW} scipy.optimize",
     "gplfd_experiments.workflows.runs": "scipy.stats scipy.signal scipy.optimize",
     "gplfd_experiments.analysis.results.measures": "scipy.stats scipy.signal",
     "gplfd_experiments.studies.runner": "scipy.stats scipy.signal sklearn",
@@ -13,7 +14,9 @@ LEFT_OUT = {
 """Slow libraries that are loaded where they are used, not with these modules."""
 
 PROGRAM = f"""\
-import os, random, sys, gymnasium, threadpoolctl, numpy as np
+import sys, gplfd_policies
+assert not {{"numpy", "scipy", "gymnasium"}} & {{*sys.modules}}
+import os, random, gymnasium, threadpoolctl, numpy as np
 def state():
     drawn = np.random.get_state()[1].tolist()
     return dict(os.environ), random.getstate(), drawn
@@ -23,9 +26,8 @@ for modules, left_out in {LEFT_OUT}.items():
     assert "mujoco" in sys.modules or state() == before, modules
     loaded = {{*left_out.split()}} & {{*sys.modules}}
     assert not loaded, (modules, loaded)
-pools = threadpoolctl.threadpool_info()
-blas = [pool["num_threads"] for pool in pools if pool["user_api"] == "blas"]
-assert len(blas) > 1 and {{*blas}} == {{1}}, pools
+pools = [p for p in threadpoolctl.threadpool_info() if p["user_api"] == "blas"]
+assert len(pools) > 1 and {{p["num_threads"] for p in pools}} == {{1}}, pools
 """
 
 

@@ -6,14 +6,9 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
-from gplfd_policies.registry.built_in import (
-    PARTS,
-    PUBLISHED,
-    tuned_settings,
-)
+from gplfd_policies.registry.built_in import PARTS, PUBLISHED, tuned_settings
 
 pytestmark = pytest.mark.slow
-
 
 NAMES = [
     *POLICIES,
