@@ -8,6 +8,7 @@ in the environment it fails instead. Nothing here imports MuJoCo.
 import functools
 import gc
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -111,6 +112,34 @@ def _types_are_checked_once(request: pytest.FixtureRequest) -> Iterator[None]:
     off = request.path.stem.removeprefix("test_") not in TYPED
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jaxtyping.config, "jaxtyping_disable", off)
+        yield
+
+
+def remembering(fit: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that fits nothing twice, but with type checks and without."""
+    fitted: dict[bytes, Any] = {}
+
+    def once(*arguments: Any, **options: Any) -> Any:
+        key = pickle.dumps((arguments, options, jaxtyping.config.jaxtyping_disable))
+        if key not in fitted:
+            fitted[key] = fit(*arguments, **options)
+        return fitted[key]
+
+    return once
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _learned_once() -> Iterator[None]:
+    """Let equal demonstrations share their fits: many tests learn from the same."""
+    from gplfd_policies.gp.heteroscedastic import MultiOutputGP
+    from gplfd_policies.movements import skill
+
+    shared = [(MultiOutputGP, "fit"), (skill, "fit_deviations")]
+    if exports := sys.modules.get("gplfd_experiments.workflows.exports"):
+        shared.append((exports, "commanded_path"))
+    with pytest.MonkeyPatch.context() as patch:
+        for owner, name in shared:
+            patch.setattr(owner, name, remembering(getattr(owner, name)))
         yield
 
 

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import json
 import math
-import pickle
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,9 +25,6 @@ from gplfd_experiments.data.teacher.motion import minimum_jerk
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
-from gplfd_experiments.workflows import exports
-from gplfd_policies.gp.heteroscedastic import MultiOutputGP
-from gplfd_policies.movements import skill
 
 RADIUS = 0.5
 FINAL_ANGLE = math.radians(66.0)
@@ -149,32 +145,6 @@ def log_of(fields: dict[str, Any]) -> EpisodeLog:
         for part, record in PARTS.items()
     }
     return EpisodeLog(**{name: fields[name] for name in names}, **parts)
-
-
-def remembering(fit: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that fits what it was asked before no second time."""
-    fitted: dict[bytes, Any] = {}
-
-    def once(*arguments: Any, **options: Any) -> Any:
-        key = pickle.dumps((arguments, options))
-        if key not in fitted:
-            fitted[key] = fit(*arguments, **options)
-        return fitted[key]
-
-    return once
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _learned_once() -> Iterator[None]:
-    """Let equal demonstrations share their fits: many tests learn from the same."""
-    with pytest.MonkeyPatch.context() as patch:
-        for owner, name in (
-            (MultiOutputGP, "fit"),
-            (skill, "fit_deviations"),
-            (exports, "commanded_path"),
-        ):
-            patch.setattr(owner, name, remembering(getattr(owner, name)))
-        yield
 
 
 @pytest.fixture

@@ -70,7 +70,7 @@ def test_a_demonstration_is_led_shown_and_kept_repeated_or_discarded(
     kept = person("keep")
     assert (kept["phase"], kept["kept"], kept["time"]) == ("ready", 1, 0.0)
     assert len(load_demonstrations(tmp_path).demonstrations) == 1
-    person(sample=PULL, times=25)
+    person(sample=PULL, times=5)
     discarded = person("discard")
     assert (discarded["door"], discarded["kept"]) == ("medium", 1)
     assert person("next")["door"] == "small"
