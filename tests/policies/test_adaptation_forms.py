@@ -193,9 +193,6 @@ def test_what_no_form_can_use_is_refused(skill, form):
             skill, [via(skill, 1.5, 0.0)], form
         ).predict(TIMES),
         "must increase strictly": lambda: ProductAdaptation(skill, np.full(2, 0.5)),
-        r"empirical_share must be within \[0, 1\]": lambda: ProcessAdaptation(
-            skill, TIMES, empirical_share=1.1
-        ),
         r"form 'proces'.*exact.*process.*product": lambda: adapt(skill, [], "proces"),
     }
     for message, call in refused.items():

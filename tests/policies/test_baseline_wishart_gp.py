@@ -137,7 +137,8 @@ def test_sampler_averages_what_the_posterior_says():
     expected = float(variance @ density / density.sum())
     rng = np.random.default_rng(0)
     # Standard error 1.2 %; of 4000 steps it is 4 %, and rounding decides the chain.
-    moment = sample_posterior(likelihood, 25_000, 100, rng)
+    config = WishartGPConfig(steps=25_000, discarded=100)
+    moment = sample_posterior(likelihood, config, rng)
     sampled = process.average(moment, np.array([0.4]))[0, 0, 0]
     assert sampled == pytest.approx(expected, rel=0.05)
 

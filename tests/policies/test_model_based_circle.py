@@ -23,7 +23,7 @@ X, _, Z = np.eye(3)
 
 def fit_circle(points, prior=UPRIGHT):
     """The most probable circle through the origin and along points."""
-    circle = Circle.expected(prior)
+    circle = Circle(prior=prior, parameters=prior.mean)
     for _ in range(15):
         circle = circle.updated(points)
     return circle

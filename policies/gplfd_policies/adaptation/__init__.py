@@ -139,20 +139,16 @@ class NoAdaptation:
     """The learned movement on a grid of phases, without any effect of via-points."""
 
     def __init__(self, movement: Predictor, grid: Times) -> None:
+        self._predict(movement, grid)
+
+    def _predict(self, movement: Predictor, grid: Times) -> None:
         self._trajectory = movement.predict(grid)
+        self.mean: Outputs = self._trajectory.mean
+        self.std: Outputs = self._trajectory.std
+        """Current mean and standard deviation on the grid [m, rad]."""
 
     def observe(self, via_point: ViaPoint) -> None:
         """Ignore a via-point."""
-
-    @property
-    def mean(self) -> Outputs:
-        """Current mean on the grid [m, rad]."""
-        return self.trajectory().mean
-
-    @property
-    def std(self) -> Outputs:
-        """Current standard deviation on the grid [m, rad]."""
-        return self.trajectory().std
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""
@@ -169,4 +165,4 @@ class OwnAdaptation(NoAdaptation):
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point."""
         self._movement = self._movement.adapt((via_point,))
-        self._trajectory = self._movement.predict(self._grid)
+        self._predict(self._movement, self._grid)

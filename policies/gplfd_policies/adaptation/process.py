@@ -256,16 +256,9 @@ class ProcessAdaptation(ConditionedProcess):
     the demonstrations' spread.
     """
 
-    def __init__(
-        self, skill: Skill, grid: Times, empirical_share: float | None = None
-    ) -> None:
-        """Start from at least two demonstrations.
-
-        The empirical share, within [0, 1], is the share of the deviations' covariance
-        taken from the demonstrations' own curves; by default it follows from their
-        number (`gplfd_policies.gp.deviations.conjugate_share`).
-        """
-        prior = demonstrated_repetition(skill, grid, empirical_share)
+    def __init__(self, skill: Skill, grid: Times) -> None:
+        """Start from at least two demonstrations."""
+        prior = demonstrated_repetition(skill, grid)
         super().__init__(prior, float(skill.count - 1), grid)
 
 
@@ -310,7 +303,7 @@ class ForceAdaptation:
         free = float(skill.count - 1)
         self._parts = [
             ConditionedProcess(
-                demonstrated_repetition(skill, grid, own_variance=variances), free, grid
+                demonstrated_repetition(skill, grid, variances), free, grid
             )
             for variances in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
         ]
@@ -382,10 +375,7 @@ def _mixed_covariance(
 
 
 def demonstrated_repetition(
-    skill: Skill,
-    grid: Times,
-    empirical_share: float | None = None,
-    own_variance: tuple[Pose, Pose] | None = None,
+    skill: Skill, grid: Times, own_variance: tuple[Pose, Pose] | None = None
 ) -> Repetition:
     """Return the prior of a repetition; arguments as for `ProcessAdaptation`.
 
@@ -393,10 +383,7 @@ def demonstrated_repetition(
     constant, and of a part that varies over a tenth of the task. The smooth covariance
     mixes the model's and that of the demonstrations' curves, smoothed by the model.
     """
-    if empirical_share is None:
-        empirical_share = conjugate_share(skill.count)
-    if not 0.0 <= empirical_share <= 1.0:
-        raise ValueError(f"empirical_share must be within [0, 1]: {empirical_share}")
+    empirical_share = conjugate_share(skill.count)
     processes, times = skill.processes, skill.aligned.times
     scales = [deviation.short_scale for deviation in skill.deviations]
     shortest = min(processes.shortest_length_scale, *scales)

@@ -32,23 +32,14 @@ class Admittance:
 
     def __init__(self, dynamics: VirtualDynamics, shape: tuple[int, ...] = ()) -> None:
         self._dynamics = dynamics
-        self._displacement = np.zeros((*shape, 6))
-        self._velocity = np.zeros((*shape, 6))
-
-    @property
-    def displacement(self) -> Axes:
-        """e: commanded minus desired pose [m, rad]."""
-        return self._displacement.copy()
-
-    @property
-    def velocity(self) -> Axes:
-        """Rate of e [m/s, rad/s]."""
-        return self._velocity.copy()
+        self.displacement: Axes = np.zeros((*shape, 6))
+        self.velocity: Axes = np.zeros((*shape, 6))
+        """e, commanded minus desired pose [m, rad], and its rate [m/s, rad/s]."""
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Return to rest at the desired pose."""
-        self._displacement[rows] = 0.0
-        self._velocity[rows] = 0.0
+        self.displacement[rows] = 0.0
+        self.velocity[rows] = 0.0
 
     def step(
         self,
@@ -64,8 +55,8 @@ class Admittance:
         and D is a function of K. The mass must be the same along x, y and z; then the
         step decouples along the columns.
         """
-        mass, before = self._dynamics.mass, self._displacement[rows]
-        held, speed, force = before, self._velocity[rows], wrench
+        mass, before = self._dynamics.mass, self.displacement[rows]
+        held, speed, force = before, self.velocity[rows], wrench
         if frame is not None:
             states = np.empty((*before.shape, 3))
             states[..., 0], states[..., 1], states[..., 2] = held, speed, force
@@ -79,8 +70,8 @@ class Admittance:
         if frame is not None:
             velocity[..., :3] = product(frame, velocity[..., :3, None])[..., 0]
         displacement = before + dt * velocity
-        self._velocity[rows] = velocity
-        self._displacement[rows] = displacement
+        self.velocity[rows] = velocity
+        self.displacement[rows] = displacement
         return np.asarray(displacement)
 
 
@@ -108,7 +99,7 @@ class VirtualRendering(Admittance):
 
     def displaced(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
         """Return how far hands have been displaced from their desired positions [m]."""
-        return self._displacement[rows][..., :3]  # e of Eq. (22)
+        return self.displacement[rows][..., :3]  # e of Eq. (22)
 
     def command(
         self,

@@ -99,7 +99,7 @@ class ResidualMovement(LearnedMovement):
 
     def expected(self, times: Times) -> Outputs:
         """Poses m(t) at phases of the continued demonstrations [m, rad]."""
-        return _stretched(self.prior_mean, self.aligned, times)
+        return self.prior_mean.mean(1.0 / self.aligned.end * times)
 
     def raised(self, rest: GaussianTrajectory) -> GaussianTrajectory:
         """Add the prior mean to a distribution of the residual."""
@@ -133,7 +133,7 @@ def fit_residual(
     They are 0 to 1 for what was demonstrated, and later ones for its continuation. The
     fit must use a prior mean of zero: ``partial(fit_skill, centred=False)``.
     """
-    expected = np.asarray(_stretched(prior_mean, aligned, aligned.times))
+    expected = np.asarray(prior_mean.mean(1.0 / aligned.end * aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
         raise ValueError(
             f"a prior mean must give a finite pose at each of {len(aligned.times)} "
@@ -142,13 +142,6 @@ def fit_residual(
     # A late repetition is late on m(t), too, which the residual cannot express.
     rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
     return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
-
-
-def _stretched(
-    prior_mean: PriorMean, aligned: AlignedDemonstrations, times: Times
-) -> Outputs:
-    """Return m(t) of a task that its continuation makes longer."""
-    return prior_mean.mean(1.0 / aligned.end * times)
 
 
 class ResidualAdaptation:

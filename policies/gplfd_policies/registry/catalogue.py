@@ -16,7 +16,6 @@ earlier imports of the process.
 
 import ast
 import contextlib
-import difflib
 import hashlib
 import importlib
 import importlib.util
@@ -32,6 +31,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+from gplfd_env.validation.named import nearest_name
 from gplfd_policies.agents import remote
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -364,11 +364,9 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     if packaged is not None:
         return packaged
     names = sorted({*POLICIES, *(entry.name for entry in _offers())})
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f" (did you mean {near[0]!r}?)" if near else ""
     raise ValueError(
-        f"unknown policy {name!r}{hint}; policies: {', '.join(names)}; or give one of "
-        "your own as module:function"
+        f"unknown policy {name!r}{nearest_name(name, names)}; policies: "
+        f"{', '.join(names)}; or give one of your own as module:function"
     )
 
 

@@ -97,11 +97,6 @@ class Circle:
     parameters: CircleParameters
     """(ω, κ) [rad, 1/m]."""
 
-    @classmethod
-    def expected(cls, prior: CirclePrior) -> Circle:
-        """Return the estimate before the hand moves."""
-        return cls(prior=prior, parameters=prior.mean)
-
     @property
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """E."""
@@ -330,7 +325,7 @@ class HingeFitAgent(StartedAgent):
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
         self._path, self._set_point = HandPath(), CompliantSetPoint()
-        self._circle = Circle.expected(UPRIGHT)
+        self._circle = Circle(prior=UPRIGHT, parameters=UPRIGHT.mean)
         self._door = self._circle.door()
         # A length, not an angle: a change of radius moves the set-point only sideways.
         self._travelled = self._speed = 0.0

@@ -133,7 +133,8 @@ class Rotational(MotionModel):
     def expected(cls, pull: Vectors, hinge: Vectors) -> Rotational:
         """Return the prior estimate for a hinge in a direction from the hand."""
         axes = np.stack([pull, np.cross(pull, hinge), -hinge], axis=1)
-        return cls(Circle.expected(CirclePrior(axes=axes)))
+        prior = CirclePrior(axes=axes)
+        return cls(Circle(prior=prior, parameters=prior.mean))
 
     def updated(self, path: Path) -> Rotational:
         """Return the circle after another step of its fit."""

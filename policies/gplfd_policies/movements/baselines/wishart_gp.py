@@ -34,6 +34,7 @@ their average, the likelihood is that of D − 1 independent deviations at each 
 It is computed in coordinates where L is the identity.
 """
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -213,11 +214,7 @@ def elliptical_slice_chain(
 
 
 def sample_posterior(
-    likelihood: WishartLikelihood,
-    steps: int,
-    discarded: int,
-    rng: np.random.Generator,
-    mode_iterations: int = 50,
+    likelihood: WishartLikelihood, config: WishartGPConfig, rng: np.random.Generator
 ) -> Float[np.ndarray, "dR dR"]:
     """Average Σ_k w_k w_kᵀ over a slice chain from a mode of the posterior."""
 
@@ -232,14 +229,14 @@ def sample_posterior(
         rng.standard_normal(degrees * outputs * rank),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": mode_iterations},
+        options={"maxiter": config.mode_iterations},
     ).x
     moment = np.zeros((outputs * rank, outputs * rank))
-    for step, flat in enumerate(elliptical_slice_chain(likelihood, mode, steps, rng)):
-        if step >= discarded:
-            weights = flat.reshape(degrees, -1)
-            moment += weights.T @ weights
-    return moment / (steps - discarded)
+    chain = elliptical_slice_chain(likelihood, mode, config.steps, rng)
+    for flat in itertools.islice(chain, config.discarded, None):
+        weights = flat.reshape(degrees, -1)
+        moment += weights.T @ weights
+    return moment / (config.steps - config.discarded)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -304,13 +301,8 @@ def fit_wishart_gp(
         interval, config.length_scale, pooled, config.degrees, config.floor
     )
     kept = thinned(len(times), config.times)
-    moment = sample_posterior(
-        WishartLikelihood(prior, times[kept], deviations[:, kept]),
-        config.steps,
-        config.discarded,
-        np.random.default_rng(seed),
-        config.mode_iterations,
-    )
+    likelihood = WishartLikelihood(prior, times[kept], deviations[:, kept])
+    moment = sample_posterior(likelihood, config, np.random.default_rng(seed))
     return WishartProcessMovement(
         aligned=aligned, processes=processes, prior=prior, moment=moment
     )
