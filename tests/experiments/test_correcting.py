@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,6 +88,7 @@ def test_the_hand_is_handed_over_when_the_policy_agrees_again():
     led = correction.led
     assert led.sum() == pytest.approx(100 * (1.5 + 0.4), abs=3)
     np.testing.assert_allclose(commands[led][-1], commands[0], atol=1e-9)
+    assert watched(DOOR.hand_poses(0.02), 4.0, lambda time: 0.1 * time)[1] is None
     agent = Held(np.zeros(6))
     agent.control = "impedance"
     with pytest.raises(ValueError, match="commands the arm's stiffness, too"):
@@ -116,11 +118,13 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     assert cli.main([*correct, "flap.json"]) == 2
     assert "exists, and may hold corrections" in capsys.readouterr().err
     assert Path("skill-corrected.npz").read_bytes() == before
+    assert cli.main([*correct, "medium", "--policy", "promp"]) == 2
     Path("skill-corrected.npz").rename("better.npz")
+    unled = SimpleNamespace(failure="", reason=""), None
+    monkeypatch.setattr(f"{LedAgent.__module__}.corrected", lambda *_: unled)
     assert cli.main(["correct", "better.npz", "--quiet", "--doors", "flap.json"]) == 0
     assert "nothing was corrected, and nothing written" in capsys.readouterr().out
     assert not Path("better-corrected.npz").exists()
-    assert cli.main([*correct, "medium", "--policy", "promp"]) == 2
 
 
 def test_doors_that_corrections_gain_and_forget_are_counted(

@@ -21,7 +21,7 @@ from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_cuts")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_cuts", "reads_here")]
 
 START = np.array([1.0, 2.0, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
@@ -85,7 +85,7 @@ def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
 
 
 @pytest.mark.filterwarnings("ignore:2 demonstrations leave")
-@pytest.mark.usefixtures("no_picture", "reads_here")
+@pytest.mark.usefixtures("no_picture")
 def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
     kept = load_demonstrations("set")
@@ -108,7 +108,7 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
         assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
 
 
-@pytest.mark.usefixtures("no_picture", "reads_here")
+@pytest.mark.usefixtures("no_picture")
 def test_a_folder_that_another_command_makes_meanwhile_is_not_replaced(
     files, monkeypatch, caplog
 ):
@@ -125,7 +125,6 @@ def test_a_folder_that_another_command_makes_meanwhile_is_not_replaced(
     assert Path("set/demonstrations.npz").read_bytes() == b"a run's"
 
 
-@pytest.mark.usefixtures("reads_here")
 def test_forces_are_imported_as_the_options_say(files):
     first, *rows = Path("0.csv").read_text().splitlines()
     forces = [f"{row},0,0,{5.0 + number % 3},0,0,0" for number, row in enumerate(rows)]
@@ -147,7 +146,6 @@ def test_forces_are_imported_as_the_options_say(files):
     assert rows > 0.8 * columns  # With a third row of panels.
 
 
-@pytest.mark.usefixtures("reads_here")
 def test_a_full_disk_is_told_and_leaves_nothing(files, monkeypatch, caplog):
     before = sorted(Path().rglob("*"))
 
@@ -180,7 +178,7 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
-@pytest.mark.usefixtures("no_picture", "reads_here")
+@pytest.mark.usefixtures("no_picture")
 def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     tmp_path, monkeypatch
 ):
@@ -196,7 +194,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     assert result["success"]
 
 
-@pytest.mark.usefixtures("no_picture", "reads_here")
+@pytest.mark.usefixtures("no_picture")
 def test_the_page_leads_from_recordings_to_a_robots_table(tmp_path, monkeypatch):
     page = (ROOT / "docs/your-data.md").read_text()
     (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)

@@ -122,9 +122,7 @@ def test_another_processor_opens_a_lever_door_alike(tmp_path):
     away = [sys.executable, __file__, str(tmp_path / "there.npz")]
     subprocess.run(away, env=os.environ | others, check=True, capture_output=True)
     open_a_lever(tmp_path / "here.npz")
-    here, there = (
-        EpisodeLog.load(tmp_path / f"{name}.npz") for name in ("here", "there")
-    )
+    here, there = (EpisodeLog.load(tmp_path / f"{n}.npz") for n in ("here", "there"))
     assert here.success
     assert there.success
     assert abs(len(here.times) - len(there.times)) <= 1
