@@ -5,12 +5,13 @@ the same for all. ``name@published`` is a method as its authors published it,
 ``name@no-size`` a learner in a pipeline without a part.
 
 Each method has a space of the settings that its authors would tune, with plausible
-limits, which ``benchmarks/tune.py`` searches. The best settings found are stored in
-``tuned.json``; ``name@tuned`` is the published method with them. The controller is not
-included, but for the resolution of its stiffness law.
+limits in ``spaces.toml``, which ``benchmarks/tune.py`` searches. The best settings
+found are in ``tuned.json``; ``name@tuned`` is the published method with them. The
+controller is not included, but for the resolution of its stiffness law.
 """
 
 import json
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -411,29 +412,17 @@ class Setting(NamedTuple):
     logarithmic: bool = False
 
 
-class Space:
-    """The settings of a method by name, which are arguments of ``config``.
+class Space(NamedTuple):
+    """The settings of a method, which are tuned."""
 
-    Only ``via_std_factor``, which multiplies the standard deviation of via-points, does
-    not belong to the fit.
-
-    Args:
-        config: Makes the configuration of the fit from the settings.
-        argument: Name of the fit's argument for this configuration.
-        resolution: Resolution of the stiffness law with the tuned settings [m].
-        settings: Settings by name.
-    """
-
-    def __init__(
-        self,
-        config: Callable[..., object],
-        argument: str = "config",
-        *,
-        resolution: float = 1e-4,
-        **settings: Setting,
-    ) -> None:
-        self.config, self.argument = config, argument
-        self.resolution, self.settings = resolution, settings
+    config: Callable[..., object]
+    """Makes the configuration of the fit from the settings."""
+    settings: Mapping[str, Setting]
+    """By name; all but ``via_std_factor`` are arguments of ``config``."""
+    argument: str = "config"
+    """Name of the fit's argument for this configuration."""
+    resolution: float = 1e-4
+    """Resolution of the stiffness law with the tuned settings [m]."""
 
     @property
     def published(self) -> Values:
@@ -441,88 +430,31 @@ class Space:
         return {name: setting.published for name, setting in self.settings.items()}
 
 
-_log = partial(Setting, logarithmic=True)
+def _space(config: Callable[..., object], entry: Mapping[str, Any]) -> Space:
+    """Return the space for a table of spaces.toml."""
+    settings = {name: Setting(**entry["settings"][name]) for name in entry["settings"]}
+    return Space(config, **{**entry, "settings": settings})
 
-_VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
-"""Factor on the via-point noise of 1 mm, 0.03 rad, for every method with via-points."""
 
-_MIXTURE: Final[Mapping[str, Any]] = {
-    "components": Setting(10, 3, 20),
-    "regularisation": _log(4e-6, 1e-7, 1e-2),
-}
-
+_SPACES: Final = tomllib.loads(
+    Path(__file__).with_name("spaces.toml").read_text("utf-8")
+)
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
-        "dmp": Space(
-            DMPConfig,
-            resolution=3e-4,
-            n_basis=Setting(30, 10, 60),
-            alpha=_log(25.0, 10.0, 60.0),
-            spread=Setting(False, False, True),
-        ),
-        "promp": Space(
-            ProMPConfig,
-            n_basis=Setting(20, 8, 40),
-            overlap=Setting(0.7, 0.3, 0.95),
-            shrinkage=_log(1e-6, 1e-8, 0.5),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "gmr": Space(GMRConfig, resolution=3e-3, **_MIXTURE),
-        "tp-gmm": Space(
-            GMRConfig, resolution=1e-3, **_MIXTURE, via_std_factor=_VIA_STD_FACTOR
-        ),
-        "local-gp": Space(
-            LocalGPConfig,
-            resolution=3e-4,
-            clusters=Setting(8, 2, 16),
-            width=_log(0.35, 0.15, 2.0),
-        ),
-        "wishart-gp": Space(
-            WishartGPConfig,
-            resolution=3e-3,
-            degrees=Setting(7, 6, 20),
-            length_scale=_log(0.15, 0.05, 1.0),
-            floor=_log(1e-3, 1e-4, 0.1),
-        ),
-        "kmp": Space(
-            KMPConfig,
-            resolution=1e-3,
-            components=Setting(8, 4, 15),
-            length_scale=_log(0.144, 0.05, 0.6),
-            mean_regularisation=_log(1.0, 0.05, 50.0),
-            covariance_regularisation=_log(400.0, 20.0, 3000.0),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "gmm-gp": Space(
-            GMMGPConfig,
-            resolution=3e-3,
-            components=Setting(6, 3, 12),
-            weight_power=Setting(1.0, 0.4, 1.0),
-            shortest_length_scale=_log(0.005, 0.005, 1.0),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "prodmp": Space(
-            ProDMPConfig,
-            resolution=1e-3,
-            n_basis=Setting(20, 8, 40),
-            alpha=_log(25.0, 10.0, 60.0),
-            overlap=Setting(0.22, 0.1, 0.9),
-            shrinkage=_log(1e-3, 1e-6, 0.5),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "gp-paper": Space(
-            KerstingNoise,
-            "noise",
-            n_iterations=Setting(10, 2, 30),
-            shortest_scale=_log(0.15, 0.1, 0.6),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
-        "gp": Space(
-            MapNoise,
-            "noise",
-            shortest_scale=_log(0.15, 0.1, 0.6),
-            via_std_factor=_VIA_STD_FACTOR,
-        ),
+        name: _space(config, _SPACES[name])
+        for name, config in {
+            "dmp": DMPConfig,
+            "promp": ProMPConfig,
+            "gmr": GMRConfig,
+            "tp-gmm": GMRConfig,
+            "local-gp": LocalGPConfig,
+            "wishart-gp": WishartGPConfig,
+            "kmp": KMPConfig,
+            "gmm-gp": GMMGPConfig,
+            "prodmp": ProDMPConfig,
+            "gp-paper": KerstingNoise,
+            "gp": MapNoise,
+        }.items()
     }
 )
 """The spaces of the methods of Table 1 and of the additional ones, by policy."""

@@ -34,30 +34,9 @@ class Material:
     episodes: Mapping[str, EpisodeLog]
 
 
-_STYLE: Final[dict[str, Any]] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 7.0,
-    "mathtext.fontset": "dejavusans",
-    "axes.titlesize": 7.5,
-    "axes.labelsize": 7.0,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 1.2,
-    "legend.fontsize": 6.5,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "savefig.dpi": 300,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "gplfd",
-}
-
+_STYLE: Final[Any] = matplotlib.rc_params_from_file(
+    Path(__file__).with_name("paper.mplstyle"), use_default_template=False
+)
 paper_style: Final = partial(matplotlib.style.context, _STYLE, after_reset=True)
 """Makes a context for drawing and writing that ignores the user's matplotlibrc."""
 

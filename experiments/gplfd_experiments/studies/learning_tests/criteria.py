@@ -1,11 +1,14 @@
 """Criteria for the marks of Table 1: limits of numbers, and a sentence, per row.
 
 The rows and marks are those of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979; the criteria are for this project's methods.
+from Demonstration*, arXiv:2002.09979; the criteria, in ``criteria.toml``, are for this
+project's methods.
 """
 
 import math
+import tomllib
 from collections.abc import Mapping, Sequence, Set
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 
@@ -35,89 +38,15 @@ class Mark(NamedTuple):
     passed: bool | None
 
 
-_OURS: Final = {"gp-paper", "gp", "gmm-gp"}
-_UNCERTAIN: Final = _OURS | {"local-gp", "wishart-gp", "kmp"}
+def _criterion(row: str, entry: Mapping[str, Any]) -> Criterion:
+    """Return the criterion for a table of criteria.toml."""
+    limits = tuple(Limit(**limit) for limit in entry["limits"])
+    return Criterion(row, limits, entry["sentence"], frozenset(entry["paper"]))
 
+
+_FILE: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 CRITERIA: Final[Mapping[str, Criterion]] = {
-    criterion.row: criterion
-    for criterion in (
-        Criterion(
-            "High-dimensional Learning",
-            (
-                Limit(
-                    "outputs_nlpd_change",
-                    "NLPD of z with six outputs less that with two",
-                    high=0.3,
-                ),
-            ),
-            "Learning six outputs instead of two makes the density of one of them "
-            "worse by at most 0.3 per number, what a standard deviation twice too "
-            "large costs.",
-            _UNCERTAIN | {"gmr"},
-        ),
-        Criterion(
-            "Via-point Adaptation",
-            (
-                Limit("via_error_strict_position_m", "missed by [m]", high=0.002),
-                Limit("via_error_strict_rotation_rad", "by [rad]", high=0.02),
-                Limit("via_far_error", "far error, of that before", high=1.05),
-            ),
-            "Three poses of a demonstration that was not learned from, demanded to 0.1 "
-            "mm and 0.1 mrad, are met within 2 mm and 0.02 rad, and one of them brings "
-            "the mean farther away than 0.3 of the task to at most 1.05 times its "
-            "distance from that demonstration, in standard deviations.",
-            _OURS | {"promp", "kmp"},
-        ),
-        Criterion(
-            "Task Variability",
-            (Limit("spread_followed", "correlation of std and spread", low=0.5),),
-            "Along the task the logarithms of the standard deviation and of the "
-            "demonstrations' spread correlate by at least 0.5; one level throughout "
-            "has 0 and a copy 1.",
-            _UNCERTAIN | {"promp", "gmr"},
-        ),
-        Criterion(
-            "Prediction Uncertainty",
-            (
-                Limit(
-                    "uncertainty_growth",
-                    "growth of the std beyond the demonstrations",
-                    low=1.5,
-                ),
-            ),
-            "Half as far beyond the end of the demonstrations as they are long, the "
-            "standard deviation of what moves is at least 1.5 times that at their end; "
-            "a method that keeps their spread has 1.",
-            _UNCERTAIN,
-        ),
-        Criterion(
-            "Prior Information",
-            (
-                Limit(
-                    "prior_mean_used",
-                    "return to a prior mean far beyond the demonstrations",
-                    low=0.9,
-                ),
-            ),
-            "Given a prior mean 0.1 m and 0.3 rad beside the demonstrations, the "
-            "prediction goes at least 0.9 of the way back to it far beyond them.",
-            _UNCERTAIN - {"kmp"},
-        ),
-        Criterion(
-            "Task Space Rotations",
-            (
-                Limit(
-                    "tumbling_error",
-                    "error of the mean orientation [std of a demonstration]",
-                    high=1.0,
-                ),
-            ),
-            "The mean orientation of demonstrations that turn by more than π about "
-            "changing axes is no farther from the true one than a single demonstration "
-            "is. All methods are given unwrapped rotation vectors.",
-            {"gp-paper", "gp", "dmp", "promp", "gmr", "kmp"},
-        ),
-    )
+    row: _criterion(row, entry) for row, entry in _FILE.items()
 }
 """Rows of Table 1 in the paper's order."""
 

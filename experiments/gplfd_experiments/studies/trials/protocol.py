@@ -145,22 +145,6 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = {
 """The parts by name. "ideas" decides its contrasts as the whole protocol does. "small",
 with the fewest seeds that give an interval, is a first look at strong contrasts."""
 
-_LACKING: Final[Mapping[str, tuple[str, ...]]] = {
-    "Gaussian process": ("mean",),
-    "via-points": ("gp@no-adaptation",),
-    "size and phase together": ("gp@one-size",),
-    "forecast with size": ("gp@no-size",),
-    "progress beyond the demonstrations": ("gp@no-continuation",),
-    "heteroscedastic noise": ("gp-homoscedastic",),
-    "rotations": ("gp@no-rotation",),
-    "variable stiffness": ("gp@constant-100", "gp@constant-500"),
-    "learned load": ("gp@carried-load",),
-    "demonstrated forces": ("gp@no-forces",),
-    "damping for contact": ("gp@undamped",),
-    "several modes": ("gp@no-modes",),
-}
-"""Variants of `gp` that lack an idea."""
-
 
 def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
     """Yield the trials of the file by name."""
@@ -185,7 +169,7 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
             )
             for row in trial.pop("contrasts", [])
             for idea in row["ideas"]
-            for p in (("gp",) if "having" in row else _LACKING[idea])
+            for p in (("gp",) if "having" in row else protocol["lacking"][idea])
         ]
         yield name, Trial(levels=levels, contrasts=tuple(contrasts), **trial)
 
