@@ -1,6 +1,7 @@
 """Doors of DoorBench, schema 1.0 (github.com/adamraudonis/DoorBench, MIT)."""
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,32 +19,7 @@ _BESIDE_EDGE: Final = 0.15
 _REACHED: Final = 1.0
 """Radius at which the robot opens doors of both swings and sides [m]."""
 _TOUCH_BAR_ARM: Final = 0.05  # Turns a touch bar's straight travel into an angle [m].
-_LEAF: Final = {
-    "leaf.width": "leaf/width",
-    "leaf.thickness": "leaf/thickness",
-    "panel_mass": "physics/mass/total_kg",
-    "handle_height": "operator/height",
-}
-_HINGED: Final = {
-    "hinge_friction": "physics/hinge/coulomb_torque_Nm",
-    "hinge_damping": "physics/hinge/air_damping_Nms_per_rad",
-    "stiction": "physics/hinge/stick_torque_Nm",
-    "closer.preload": "physics/closer/spring_preload_Nm",
-    "closer.stiffness": "physics/closer/spring_stiffness_Nm_per_rad",
-    "closer.damping": "physics/closer/damping_opening",
-    "closer.backcheck_damping": "physics/closer/backcheck_damping",
-}
-_HANDLE: Final = {
-    "lockset.handle_preload": "physics/latch/operator_spring_preload",
-    "lockset.handle_stiffness": "physics/latch/operator_spring_rate",
-    "lockset.handle_travel": "physics/latch/operator_travel",
-    "lockset.dead_travel": "physics/latch/operator_dead_travel",
-}
-_LATCH: Final = {
-    "lockset.bolt_throw": "physics/latch/throw_m",
-    "lockset.bolt_preload": "physics/latch/bolt_spring_preload_N",
-    "lockset.bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
-}
+_PLACES: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 """Fields of `DoorConfig` and its parts, and their places in a specification."""
 _LOST: Final = {
     "physics/latch/holding_force_N": (0, "the {:g} N with which its latch holds it"),
@@ -124,7 +100,7 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
             raise ValueError(
                 f"its family is {family!r}, none of {', '.join(_FAMILIES)}"
             )
-        fields = spec.all_at(_LEAF)
+        fields = spec.all_at(_PLACES["leaf"])
         fields["hinge_side"] = side = spec.at("hinge/side", str)
         if side not in ("left", "right"):
             raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
@@ -156,7 +132,7 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
 
 def _hinged(spec: _Specification) -> _Fields:
     """Return the fields of hinge and closer."""
-    fields = spec.all_at(_HINGED)
+    fields = spec.all_at(_PLACES["hinged"])
     if spec.at("kinematics/joining_bolt_engaged", Any, True) is False:
         raise ValueError("its halves are not joined: two leaves, one above the other")
     spec.lose_all(_LOST_OF_HINGES)
@@ -204,13 +180,13 @@ def _folding(spec: _Specification) -> _Fields:
     width = panels / stacks * spec.at("leaf/width")
     fields = _rolling(spec, width)
     turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
-    fields["hinge_damping"] += turn**2 * spec.at(_HINGED["hinge_damping"])
+    fields["hinge_damping"] += turn**2 * spec.at(_PLACES["hinged"]["hinge_damping"])
     return fields | {
         "motion": "folding",
         "leaf.width": width,
-        "panel_mass": spec.at(_LEAF["panel_mass"]) / stacks,
-        "hinge_friction": turn * spec.at(_HINGED["hinge_friction"]),
-        "stiction": turn * spec.at(_HINGED["stiction"]),
+        "panel_mass": spec.at(_PLACES["leaf"]["panel_mass"]) / stacks,
+        "hinge_friction": turn * spec.at(_PLACES["hinged"]["hinge_friction"]),
+        "stiction": turn * spec.at(_PLACES["hinged"]["stiction"]),
         "mechanism.roller_friction": spec.at("physics/roller/coulomb_force_N"),
     }
 
@@ -254,11 +230,11 @@ def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
         spec.lose(latched, "its latch, which its fixed handle does not release")
         return operated
     if latched:
-        operated |= {"latch": "spring"} | spec.all_at(_LATCH)
+        operated |= {"latch": "spring"} | spec.all_at(_PLACES["latch"])
     if far:
         spec.lost.append(f"the spring of {model!r} on this side, which is not given")
         return operated
-    operated |= spec.all_at(_HANDLE)
+    operated |= spec.all_at(_PLACES["handle"])
     grip = spec.at("physics/latch/operator_grip_offset_m")
     if handle == "lever":
         operated["lockset.handle_length"] = grip + _BEYOND_GRIP

@@ -119,31 +119,12 @@ ProtocolPart = Literal["whole", "ideas", "small"]
 class PartPlan:
     """Number of seeds, and the policies of every trial, of a part of the protocol."""
 
-    seeds: int
-    everywhere: tuple[str, ...] = ()
+    seeds: int = SEEDS
+    everywhere: Sequence[str] = ()
     """Without any, those of its tracks."""
-    variants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    variants: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Variants of `gp` that lack an idea, by trial; other trials have all of their
     variants."""
-
-
-PARTS: Final[Mapping[ProtocolPart, PartPlan]] = {
-    "whole": PartPlan(seeds=SEEDS),
-    "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),
-    "small": PartPlan(
-        seeds=6,
-        everywhere=("gp", "hinge-fit"),
-        variants={
-            "radius": ("mean", "gp@no-adaptation"),
-            "turned": ("gp@no-rotation",),
-            "person": ("gp@constant-500", "gp@carried-load"),
-            "locked": ("gp@constant-500", "gp@carried-load"),
-            "heavy": ("gp@constant-100", "gp@carried-load"),
-        },
-    ),
-}
-"""The parts by name. "ideas" decides its contrasts as the whole protocol does. "small",
-with the fewest seeds that give an interval, is a first look at strong contrasts."""
 
 
 def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
@@ -184,6 +165,10 @@ TRACKS: Final[Mapping[str, Track]] = {
     name: Track(**track) for name, track in _FILE["tracks"].items()
 }
 """Every track by its name."""
+
+PARTS: Final = {name: PartPlan(**part) for name, part in _FILE["parts"].items()}
+"""The parts by name. "ideas" decides its contrasts as the whole protocol does. "small",
+with the fewest seeds that give an interval, is a first look at strong contrasts."""
 
 
 def taking_part(trial: str) -> tuple[str, ...]:
