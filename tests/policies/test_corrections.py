@@ -22,7 +22,7 @@ NOISE = np.repeat([1e-3, 4e-3], 3)
 
 def led(radius: float, until: float, *, noise: float = 1.0, **origin) -> Correction:
     """A hand that is led from 20° on, along an arc that ends early [rad]."""
-    times = np.arange(0.0, 5.0, 0.01)
+    times = np.arange(0.0, 5.0, 0.02)
     angles = until * times / times[-1]
     poses = handle_pose_on_arc(radius, angles)
     rng = np.random.default_rng(0)
@@ -41,7 +41,7 @@ def skill(demonstrations):
     ("changes", "message"),
     [
         ({"led": np.zeros(500, bool)}, "be true where somebody led the hand.* 0 of"),
-        ({"led": np.ones(3, bool)}, r"shape \(500,\).* got shape \(3,\)"),
+        ({"led": np.ones(3, bool)}, r"shape \(250,\).* got shape \(3,\)"),
         ({"by": "robot"}, "'robot' and 0.0"),
         ({"phase": np.nan}, r"phase within \[0, 1\]"),
     ],
@@ -100,7 +100,7 @@ def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
             assert_array_equal(getattr(kept.motion, name), expected)
         for name in ("door", "seed", "by", "phase", "led", "inputs", "device"):
             assert_array_equal(getattr(kept, name), getattr(correction, name))
-    with pytest.raises(ValueError, match=r"inputs need 500 rows"):
+    with pytest.raises(ValueError, match=r"inputs need 250 rows"):
         replace(bare, inputs=bare.inputs[1:])
 
 

@@ -56,7 +56,7 @@ def agents_of(demonstrations, learned):
         if name == "levers":
             name, teacher = "gp", Teacher(forces=ForceConfig())
             lessons = [
-                teacher.standard_demonstrations(seed=seed, like=LEVER)
+                teacher.standard_demonstrations(1, seed=seed, like=LEVER)
                 for seed in (0, 1)
             ]
         method = policy_named(name).method
