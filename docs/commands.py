@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -48,23 +49,25 @@ def options(record: Any) -> Iterator[dataclasses.Field[Any]]:
 def _row(option: dataclasses.Field[Any]) -> str:
     """Return a line of the table; arguments without a name are in capitals."""
     help_text, name = option.metadata.get("help", ""), f"--{option.name}"
+    typed: Any = partial(map, str)
     for part in getattr(option.type, "__metadata__", ()):
         help_text = getattr(part, "help", None) or help_text
+        typed = getattr(part, "str_from_instance", typed)
     if "Positional" in str(option.type):
         name = option.name.upper()
     default = "required"
     if option.default is not dataclasses.MISSING:
-        default = _text(option.default)
+        default = _text(option.default, typed)
     elif option.default_factory is not dataclasses.MISSING:
-        default = _text(option.default_factory())
+        default = _text(option.default_factory(), typed)
     return f"| `{name.replace('_', '-')}` | {_escaped(help_text)} | {default} |"
 
 
-def _text(value: object) -> str:
+def _text(value: object, typed: Any) -> str:
     """Return a default as it is typed; nothing for options that may be absent."""
     if isinstance(value, bool):
         return "on" if value else "off"
-    words = " ".join(map(str, value)) if isinstance(value, tuple) else str(value or "")
+    words = " ".join(typed(value)) if isinstance(value, tuple) else str(value or "")
     return f"`{words}`" if words else ""
 
 

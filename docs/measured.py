@@ -4,6 +4,7 @@
 ``<!-- results: NAME -->`` the table or text of `BLOCKS` with this name:
 
     {{ trials-1.0 / TRIAL / LEVEL / POLICY / MEASURE }}    value, then its interval
+    {{ trials-1.0 / TRIAL / LEVEL / POLICY / opened }}     doors opened, of how many
     {{ trials-1.0 / TRACK / POLICY / MEASURE }}            the same over a track
     {{ trials-1.0 / TRIAL / with – without / MEASURE }}    a contrast
     {{ trials-1.0 / episodes }}                            their number
@@ -89,8 +90,11 @@ def number(macro: str) -> str:
         )
         return board.in_line(value)
     trial, level, policy = place
-    result = content["trials"][trial][level][policy][measure]
-    return _with_interval(result, measure)
+    results = content["trials"][trial][level][policy]
+    if measure == "opened":
+        doors = results["episodes"]
+        return f"{round(results['success']['estimate'] * doors)} of {doors}"
+    return _with_interval(results[measure], measure)
 
 
 @functools.cache
@@ -131,12 +135,21 @@ def _p(value: float) -> str:
 
 def _opened_of_rows(rows: Any, policy: str) -> str:
     """Return how many doors a policy opened, of all in the rows."""
-    outcomes = [row["opened"] for row in rows if row["policy"] == policy]
+    outcomes = [_opened(row, rows) for row in rows if row["policy"] == policy]
     if not outcomes:
         raise KeyError(policy)
     if isinstance(outcomes[0], bool):
         return f"{sum(outcomes)} of {len(outcomes)} episodes"
     return f"{100.0 * fmean(outcomes):.0f} %"
+
+
+def _opened(row: Mapping[str, Any], rows: Any) -> bool | float:
+    """Return whether a door was opened, or their share; an error opens none."""
+    if isinstance(row["opened"], bool):
+        return row["opened"]
+    name = row["prototype"]
+    planned = max(other["episodes"] for other in rows if other["prototype"] == name)
+    return float(row["opened"] * row["episodes"] / planned)
 
 
 def by_trial(answers: board.Answers, track: str) -> Table:
@@ -233,8 +246,10 @@ def prototypes() -> Table:
     """Return doors opened and radial force at every prototype of the search."""
     shown = ("oracle", "mean", "mean@no-size", "gp", "gp@no-size")
     rows: dict[str, dict[str, Mapping[str, Any]]] = {}
-    for row in read_json(RESULTS / "prototypes.json")["rows"]:
-        rows.setdefault(row["prototype"], {})[row["policy"]] = row
+    run = read_json(RESULTS / "prototypes.json")["rows"]
+    for row in run:
+        counted = {**row, "opened": _opened(row, run)}
+        rows.setdefault(row["prototype"], {})[row["policy"]] = counted
 
     def cell(row: Mapping[str, Any]) -> str:
         return f"{100.0 * row['opened']:.0f} %\n{row['radial']:.1f} N"

@@ -87,9 +87,9 @@ class DoorRandomization:
     grasp_depth: float = _half_width("grasp_depth")
     """Error of the bar's position between the finger pads within ± this [m]."""
     pose_noise: Pair = _pair(SensorNoise, "position", "rotation")
-    """Standard deviation of the observed position [m] and rotation vector [rad]."""
+    """Standard deviations of the observed position [m] and rotation vector [rad]."""
     wrench_noise: Pair = _pair(SensorNoise, "force", "torque")
-    """Standard deviation of the observed force [N] and torque [N m]."""
+    """Standard deviations of the observed force [N] and torque [N m]."""
     perception: Pair = _pair(Perception, "position", "rotation")
     """Standard deviations of the error of the believed grasp: position [m] and rotation
     vector [rad], per axis, truncated at three. Only with ``start="approach"``."""

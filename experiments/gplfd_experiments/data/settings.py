@@ -175,7 +175,7 @@ class ImportSettings:
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
     cutoff: _Hertz = 10.0
-    """Cut-off of the low-pass filter; 0 disables the filter."""
+    """Cut-off of the low-pass filter [Hz]; 0 disables the filter."""
     rate: _Hertz = 100.0
     """Samples per second of the result; 0 keeps the recorded samples."""
     largest_gap: _Seconds = 0.5

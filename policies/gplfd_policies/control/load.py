@@ -159,7 +159,7 @@ class LoadResponse:
     pace: PerRow
     """Pace of the command phase: 1 is normal, 0 waits, -1 returns to the hand."""
     path_lag: PerRow
-    """Lag of the hand behind the set-point along the path, which adds to σ [m]."""
+    """Lag of the hand behind the pose on the path, along it; adds to σ [m]."""
 
 
 class Load:

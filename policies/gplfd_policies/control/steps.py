@@ -82,7 +82,7 @@ class AgentStep:
     compensated_load: PerRow | float = _NAN
     """Resistance along the path that the hand bears without yielding [N]."""
     path_lag: PerRow | float = _NAN
-    """Lag of the hand behind the set-point along the path; part of `std` [m]."""
+    """Lag of the hand behind `desired` along the path; part of `std` [m]."""
     phase: PerRow | float = _NAN
     """Command phase: phase of the set-point, 0..1."""
     observed_phase: PerRow | float = _NAN

@@ -32,7 +32,7 @@ class ContactLoop:
     stiffness: SixAxes
     """k_s: force per displacement of the command [N/m, N m/rad]."""
     delay: float
-    """τ: longest time from a command to the measured force, beyond the period [s]."""
+    """τ: longest time from a command to the measured force, less one period [s]."""
     period: float = CONTROL_PERIOD
     """h: time between two commands [s]."""
 
@@ -199,8 +199,8 @@ class StiffnessProfile:
 
         The derivative of Eq. (24) [N/(m s), N m/(rad s)], largest half-way between
         k_min and k_max: α/4 (k_max - k_min) |dσ/dt|, the bound of Eq. (26). The printed
-        Eq. (25), see `printed_rate`, has the opposite sign and lacks k_min:
-        `test_eq25_rate_is_the_derivative_of_eq24`.
+        Eq. (25), see `printed_rate`, has the opposite sign, and this size only if k_min
+        is 0: `test_eq25_rate_is_the_derivative_of_eq24`.
         """
         with np.errstate(over="ignore"):  # The sigmoid is flat at infinity.
             argument = self.alpha * (std - self.beta)

@@ -173,7 +173,7 @@ TABLE_1: Final = (
     *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
     *("gp-paper", "gp"),
 )
-"""The methods of the paper's Table 1, the paper's own and ours."""
+"""The methods of the paper's Table 1, the paper's own among them, and ours."""
 
 ONE_SIZE: Final = PathPhaseConfig(
     similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
