@@ -29,10 +29,12 @@ class OperatorLimits:
     )
     linear_speed: float = _option(2.0, "Greatest speed [m/s].", above=0.0)
     angular_speed: float = _option(10.0, "Greatest speed [rad/s].", above=0.0)
-    force: float = _option(200.0, "Greatest measured force [N].", above=0.0)
-    moment: float = _option(50.0, "Greatest measured moment [N m].", above=0.0)
+    force: float = _option(
+        200.0, "Greatest measured force [N]; of an export, in its dry run.", above=0.0
+    )
+    moment: float = _option(50.0, "The same of the moment [N m].", above=0.0)
     least_stiffness: Pair = _option(
-        (100.0, 10.0), "Least stiffness, to which a stop softens [N/m, N m/rad]."
+        (100.0, 10.0), "Least stiffness [N/m, N m/rad]; a stop softens to it."
     )
     greatest_stiffness: Pair = _option(
         (2000.0, 500.0), "Greatest stiffness [N/m, N m/rad]."
