@@ -116,19 +116,17 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
     assert episode().key != "729ae4581ec21027"
 
 
-def test_a_job_acts_together_whatever_it_learned_from():
-    """What one policy learns from several sets of demonstrations is one job."""
-    one = [episode(door=door) for door in DOORS]
+def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):
+    """And all of a set of demonstrations, so that it is learned from once."""
+    first = [episode(door=door) for door in DOORS] + [episode(policy="gp@no-size")]
     others = [
         episode(seed=1),
         episode(demonstrations_per_door=3),
-        episode(teacher={"noise_bandwidth": 2.0}),
+        episode(demonstrated_forces=True),
         episode(habits={"pauses": 1}),
     ]
     apart = [
         episode(policy="oracle"),
-        episode(demonstrated_forces=True),
-        episode(demonstrated_kind={"handle": "lever", "latch": "bolt"}),
         episode(base="mobile"),
         episode(robot="panda-like"),
         episode(start="approach"),
@@ -136,9 +134,11 @@ def test_a_job_acts_together_whatever_it_learned_from():
         SkillTask(policy="gp", seed=0, held_out="radius"),
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]
-    alone = [episode(start="approach", seed=1), episode(practice={"corrections": 2})]
-    found = jobs_of([one[0], *apart, *others, one[1], *alone, one[0], *one[2:]])
-    assert found == ((*one, *others), *((task,) for task in [*apart, *alone]))
+    found = jobs_of([first[0], *apart, *others, *first])
+    assert found == ((*first, *others), *((task,) for task in apart))
+    monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 4)
+    # Seven episodes of gp need two jobs; none has a share of the first demonstrations.
+    assert jobs_of([*first, *others]) == (tuple(first), tuple(others))
 
 
 def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):

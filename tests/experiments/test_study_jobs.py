@@ -100,9 +100,13 @@ def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
     doors, slow = (0.35, 0.42, 0.5), {**task().teacher, "duration_mean": 9.0}
     fields = {"seed": 3, "teacher": slow, "randomization": "mild"}
     job = tuple(task(door=door, **fields) for door in doors)
-    results = run_job(job)
-    assert [result["metrics"]["door"] for result in results] == list(map(str, doors))
-    ((training,), (call,)) = learned, opened
+    variants = [task(name, **fields) for name in ("gp@no-size", "gp@no-modes")]
+    results = run_job((*job, *variants, task("gp@no-continuation", **fields)))
+    assert [result["metrics"]["door"] for result in results][:3] == [*map(str, doors)]
+    # Only the continuation changes what is learned.
+    training, again = learned
+    assert [*again.demonstrations] == [*training.demonstrations]
+    call = opened[0]
     durations = [one.times[-1] for one in training.demonstrations]
     assert (training.seed, len(durations)) == (3, 6)
     assert min(durations) > 6.0
@@ -139,7 +143,7 @@ def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):
     short = {**task().teacher, "angle_mean": 0.5}
     one = task("gp", teacher=short, prior_radius=0.45)
     build.learned_agents(one, POLICIES["gp"])
-    _, training = learned.call_args.args
+    _, training, *_ = learned.call_args.args
     prior = training.prior_mean
     pose = prior.mean(np.array([1.0]))[0]
     arc = [0.45 * np.sin(0.5), 0.0, 0.45 * (np.cos(0.5) - 1), 0.0, 0.5, 0.0]

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -37,9 +37,10 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent, batch_agents
 from gplfd_policies.agents.reaching import ReachingAgent, learn_reach, openings, reaches
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.catalogue import place_in_source
-from gplfd_policies.registry.method import Policy, TrainingInput
+from gplfd_policies.registry.method import LearnedMode, Policy, TrainingInput
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
@@ -51,7 +52,7 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     return _demonstrated(task.demonstrations_key)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=256)
 def _demonstrated(key: str) -> LabelledDemonstrations:
     fields = json.loads(key)
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
@@ -86,28 +87,54 @@ def demonstrations_hash(task: EpisodeTask) -> str:
     return hash_of(demonstrations_of(task).demonstrations)
 
 
-def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
-    """Learn a policy's movement, if it follows one, and return a factory of agents."""
+Movements = dict[Hashable, Movement]
+"""Learned movements by learner, demonstrations, and what else they depend on."""
+
+
+def learned(
+    policy: Policy,
+    training: TrainingInput,
+    lesson: Hashable = None,
+    movements: Movements | None = None,
+) -> Callable[[], Agent]:
+    """Learn a policy's movement, if it follows one, and return a factory of agents.
+
+    Movements that another policy learned alike from the training input of this name
+    are not learned again; new ones are added.
+    """
     method = policy.method
     if method is None:
         return lambda: as_agent(policy.make(training))
-    modes = method.learn_modes(training)
-    movements: list[Any] = [mode.movement for mode in modes]
-    parts = [part for x in movements for part in (x, getattr(x, "forces", None))]
+    modes, alike = [], {} if movements is None else movements
+    for numbers in method.modes(training):
+        pipeline = method.pipeline.align, method.pipeline.beyond
+        if (key := (method.learner, *pipeline, lesson, numbers)) not in alike:
+            alike[key] = method.learn(training.of(numbers))
+        modes.append(LearnedMode(numbers, alike[key]))
+    parts: list[Any] = [mode.movement for mode in modes]
+    parts += [getattr(movement, "forces", None) for movement in parts]
     # A copy takes a tenth of the time of another agent; what was learned is shared.
     first = functools.cache(lambda: method.follow_modes(modes))
     return lambda: copy.deepcopy(first(), {id(part): part for part in parts})
 
 
 def learned_agents(
-    task: EpisodeTask, policy: Policy, labelled: LabelledDemonstrations | None = None
+    task: EpisodeTask,
+    policy: Policy,
+    labelled: LabelledDemonstrations | None = None,
+    movements: Movements | None = None,
 ) -> Callable[[], Agent]:
     """Let the policy learn for all tasks with the same `EpisodeTask.training_key`.
 
     It learns from the task's own demonstrations unless others are given. The agents
-    first reach for the handle if the episode starts in front of it.
+    first reach for the handle if the episode starts in front of it. With movements,
+    those that earlier tasks learned from equal demonstrations are not learned again.
     """
-    labelled = labelled or demonstrations_of(task)
+    lesson = task.demonstrations_key, task.prior_radius
+    if labelled is None:
+        labelled = demonstrations_of(task)
+    else:
+        movements = None
     prior_mean = None
     if task.prior_radius is not None:
         # The whole arc on the phase of demonstrations that end earlier.
@@ -121,7 +148,7 @@ def learned_agents(
         demonstrations=openings(labelled), seed=task.seed, prior_mean=prior_mean
     )
     if task.practice is None:
-        make = learned(policy, training)
+        make = learned(policy, training, lesson, movements)
     else:
         make = _practised(task, policy, training)
     perception = door_randomization(task.randomization).perception

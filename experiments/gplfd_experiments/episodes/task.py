@@ -149,17 +149,11 @@ class EpisodeTask(TaughtTask):
         return f"{learned} {told}" if any(told) else learned
 
     @property
-    def lockstep_key(self) -> str | None:
-        """Key of tasks whose agents act in lockstep after different trainings.
-
-        None if lockstep saves no time: agents that reach first act individually, and
-        practice takes longer than the episode.
-        """
-        if self.start != "grasped" or self.practice is not None:
-            return None
-        turns = (self.demonstrated_kind or {}).get("handle", "bar") != "bar"
-        agent = self.policy, self.policy_source, self.demonstrated_forces, turns
-        return json.dumps([*agent, self.base, self.robot], sort_keys=True)
+    def learner_key(self) -> str:
+        """Key of tasks whose policies may learn the same, in scenes of one kind."""
+        learner, practises = self.policy.partition("@")[0], self.practice is not None
+        scene = self.base, self.robot, self.start
+        return json.dumps([learner, self.policy_source, practises, *scene])
 
     @property
     def demonstrations_key(self) -> str:

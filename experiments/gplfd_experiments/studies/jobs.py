@@ -1,6 +1,5 @@
 """Run a job: learn once, open all its doors in lockstep, or do a learning test."""
 
-import contextlib
 import errno
 import math
 import traceback
@@ -12,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_experiments.episodes.build import (
+    Movements,
     demonstrations_hash,
     learned_agents,
     open_together,
@@ -81,38 +81,72 @@ def _run(
     # In the process of a user's policy, an interruption is the policy's, too.
     users = in_own_process(job[0])
     errors = (BaseException,) if users else (Exception, SystemExit)
-    policy: Policy | None = None
-    try:
-        policy = policy_of(job[0], files)
-        if not isinstance(test := job[0], EpisodeTask):
-            if (method := policy.method) is None:
-                raise ValueError(
-                    f"policy {test.policy!r} learns no movement, so there is nothing "
-                    "to measure"
-                )
-            if isinstance(test, SkillTask):
-                names = ["seed", "demonstrations_per_door", "teacher"]
-                names += ["demonstrated_forces", "held_out"]
-                options = {name: getattr(test, name) for name in names}
-                metrics = method_metrics(method, **options)
-            else:
-                metrics = recorded_metrics(method, recordings, test.seed)
-            return [{**_origin(test), "metrics": _plain(metrics)}]
-    except errors as error:
-        return [_error_result(task, error, policy) for task in job]
-    episodes = [task for task in job if isinstance(task, EpisodeTask)]
+    movements: Movements = {}
+    results: dict[str, Result] = {}
+    for name in dict.fromkeys(task.policy for task in job):
+        tasks = [task for task in job if task.policy == name]
+        policy: Policy | None = None
+        try:
+            policy = policy_of(tasks[0], files)
+            if not isinstance(tasks[0], EpisodeTask):
+                metrics = _learning_metrics(tasks[0], policy, recordings)
+                return [{**_origin(tasks[0]), "metrics": _plain(metrics)}]
+        except errors as error:
+            results |= {task.key: _error_result(task, error, policy) for task in tasks}
+        else:
+            episodes = [task for task in tasks if isinstance(task, EpisodeTask)]
+            results |= _opened(episodes, policy, movements, errors, allow)
+    return [results[task.key] for task in job]
+
+
+def _learning_metrics(
+    test: Task, policy: Policy, recordings: Sequence[Demonstration]
+) -> Mapping[str, Any]:
+    """Return the metrics of a learning test."""
+    if (method := policy.method) is None:
+        raise ValueError(
+            f"policy {test.policy!r} learns no movement, so there is nothing to measure"
+        )
+    if not isinstance(test, SkillTask):
+        return recorded_metrics(method, recordings, test.seed)
+    names = ["seed", "demonstrations_per_door", "teacher"]
+    names += ["demonstrated_forces", "held_out"]
+    return method_metrics(method, **{name: getattr(test, name) for name in names})
+
+
+def _opened(
+    episodes: Sequence[EpisodeTask],
+    policy: Policy,
+    movements: Movements,
+    errors: tuple[type[BaseException], ...],
+    allow: Callable[[float], None],
+) -> dict[str, Result]:
+    """Open the doors of one policy's tasks; return the results by the tasks' keys."""
     results: dict[str, Result] = {}
     learned: dict[str, Any] = {}  # What makes agents, or an error.
+    # In one batch with agents of another kind, as those of several modes, all would be
+    # called one after the other.
+    kinds: dict[str, object] = {}
+    batches: list[tuple[object, list[EpisodeTask]]] = []
     for task in episodes:
         key = task.training_key
         if key not in learned:
             allow(LEARNING_LIMIT)
             try:
-                learned[key] = learned_agents(task, policy)
+                learned[key] = learned_agents(task, policy, movements=movements)
+                # Agents that learn when they are made are made once.
+                if policy.method is not None:
+                    kinds[key] = shared_in_batch(learned[key]())
             except errors as error:
                 learned[key] = error
         if isinstance(learned[key], BaseException):
             results[task.key] = _error_result(task, learned[key], policy)
+            continue
+        kind = kinds.get(key)
+        alike = next((tasks for other, tasks in batches if other == kind), None)
+        if alike is None:
+            batches.append((kind, alike := []))
+        alike.append(task)
 
     def open_doors(tasks: Sequence[EpisodeTask]) -> None:
         """Open doors in lockstep, or one by one if the policy fails at one."""
@@ -140,22 +174,9 @@ def _run(
             for task in tasks:
                 open_doors([task])
 
-    # In one batch with agents of another kind, as those of several modes, all would be
-    # called one after the other. Agents that learn when they are made are made once.
-    batches: list[tuple[object, list[EpisodeTask]]] = []
-    for task in episodes:
-        if task.key not in results:
-            shared = None
-            if policy.method is not None:
-                with contextlib.suppress(*errors):  # `open_doors` reports it
-                    shared = shared_in_batch(learned[task.training_key]())
-            alike = next((tasks for kind, tasks in batches if kind == shared), None)
-            if alike is None:
-                batches.append((shared, alike := []))
-            alike.append(task)
     for _, alike in batches:
         open_doors(alike)
-    return [results[task.key] for task in episodes]
+    return results
 
 
 def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> Result:

@@ -49,12 +49,13 @@ class RecordedTask(Task):
 
 
 Job = tuple[Task, ...]
-"""Episodes of one policy that are opened in lockstep, or a single learning test."""
+"""Episodes of policies that share what they learn, or a single learning test."""
 
 _MOST: Final = 100_000  # Largest number of tasks of a study.
 
-TOGETHER: Final = 48
-"""Usual number of episodes in a job of many trainings: a step costs little more."""
+TOGETHER: Final = 128
+"""Largest usual number of a policy's episodes in a job: a step costs little more, and
+an interruption loses a minute or two."""
 SHARED: Final = 24
 """Number of episodes from which two workers share them."""
 
@@ -85,22 +86,26 @@ def task_from(record: Mapping[str, Any]) -> Task:
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in their given order.
 
-    A job has the tasks of one training, or about `TOGETHER` episodes of several
-    trainings of a policy whose agents compute their steps together.
+    A job has all episodes after some sets of demonstrations, by the policies that
+    differ in their pipeline only. Those of a policy act in lockstep, about `TOGETHER`
+    at once.
     """
     groups: dict[str, dict[str, dict[str, Task]]] = {}
     for task in study:
-        training = task.training_key
-        alike = task.lockstep_key if isinstance(task, EpisodeTask) else None
-        trainings = groups.setdefault(alike or training, {})
-        trainings.setdefault(training, {})[task.key] = task
+        learner, lesson = task.training_key, ""
+        if isinstance(task, EpisodeTask):
+            learner, lesson = task.learner_key, task.demonstrations_key
+        lessons = groups.setdefault(learner, {})
+        lessons.setdefault(lesson, {})[task.key] = task
     jobs: list[tuple[float, Job]] = []
-    for trainings in groups.values():
-        total, done = sum(map(len, trainings.values())), 0
-        number = max(math.ceil(total / TOGETHER), min(2, total // SHARED))
+    for lessons in groups.values():
+        every = [task for tasks in lessons.values() for task in tasks.values()]
+        widest = Counter(task.policy for task in every).most_common(1)[0][1]
+        total, done = len(every), 0
+        number = max(math.ceil(widest / TOGETHER), min(2, total // SHARED))
         shares: list[list[Task]] = [[] for _ in range(number)]
-        for tasks in trainings.values():
-            # By the middle of a training, so that the shares are about equal.
+        for tasks in lessons.values():
+            # By the middle of a lesson, so that the shares are about equal.
             shares[(2 * done + len(tasks)) * number // (2 * total)] += tasks.values()
             done += len(tasks)
         jobs += [(k / number, tuple(x)) for k, x in enumerate(shares) if x]

@@ -75,6 +75,11 @@ class TrainingInput:
         demonstrations = checked_demonstrations(self.demonstrations)
         object.__setattr__(self, "demonstrations", demonstrations)
 
+    def of(self, numbers: Iterable[int]) -> "TrainingInput":
+        """Return the input with these of its demonstrations only."""
+        chosen = [self.demonstrations[number] for number in numbers]
+        return replace(self, demonstrations=chosen)
+
 
 def path_phase(movement: Movement, config: PathPhaseConfig | None = None) -> PhaseRule:
     """Return a rule that estimates phases by the movement's mean and spread."""
@@ -220,24 +225,25 @@ class Method:
             learned = as_movement(fit(forces), forces)
             return replace(movement, forces=learned)
 
+    def modes(self, training: TrainingInput) -> tuple[tuple[int, ...], ...]:
+        """Return the demonstrations' numbers by their mode, the largest mode first."""
+        demonstrations = training.demonstrations
+        if self.pipeline.modes is None or len(demonstrations) < 2:
+            return (tuple(range(len(demonstrations))),)
+        with warnings.catch_warnings():
+            # Learning aligns them again and then warns.
+            warnings.simplefilter("ignore", UserWarning)
+            return partition(self.pipeline.align(demonstrations))
+
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
         """Learn a movement of every mode of the demonstrations, the largest mode first.
 
         Raises the same errors as `learn`.
         """
-        demonstrations = training.demonstrations
-        modes: tuple[tuple[int, ...], ...] = (tuple(range(len(demonstrations))),)
-        if self.pipeline.modes is not None and len(demonstrations) > 1:
-            with warnings.catch_warnings():
-                # Learning aligns them again and then warns.
-                warnings.simplefilter("ignore", UserWarning)
-                modes = partition(self.pipeline.align(demonstrations))
-        learned = []
-        for numbers in modes:
-            members = [demonstrations[number] for number in numbers]
-            movement = self.learn(replace(training, demonstrations=members))
-            learned.append(LearnedMode(numbers, movement))
-        return tuple(learned)
+        return tuple(
+            LearnedMode(numbers, self.learn(training.of(numbers)))
+            for numbers in self.modes(training)
+        )
 
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement at doors, as others may.
