@@ -8,6 +8,7 @@ progress: a heading error rotates all of it, size determines its curvature.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -199,101 +200,148 @@ class PathSimilarity:
         Its distance from the start is in the horizontal plane [m], the angle is the
         direction from the start, about the vertical [rad].
         """
-        if distance < self.due:
-            return self
-        model, config = self.model, self.model.config
-        sizes = np.exp(model.log_sizes)
-        shrunk = distance / sizes
-        distances, *curves = model.outward
-        phase, expected, lateral_std = (np.interp(shrunk, distances, c) for c in curves)
-        error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
-        phase = np.maximum(phase, self.phase)
-        step = phase - self.phase
-        mean, covariance = advance(self.mean, self.covariance, step, model.rate)
-        # r = H (ψ, f, df/ds) + e.
-        lateral_std = sizes * lateral_std
-        gain = distance * covariance[0] + lateral_std * covariance[1]
-        explained = distance * gain[0] + lateral_std * gain[1]
-        variance = explained + config.position_std**2
-        innovation = distance * error - (distance * mean[0] + lateral_std * mean[1])
-        mean += gain * (innovation / variance)
-        covariance -= gain[:, None] * (gain / variance)
-        left = explained * (1.0 - explained / variance)
-        return replace(
-            self,
-            log_variance=self.log_variance + np.log(variance),
-            squared_innovations=self.squared_innovations + innovation**2 / variance,
-            count=self.count + 1,
-            mean=mean,
-            covariance=covariance,
-            phase=phase,
-            due=distance + config.spacing,
-            angle=mean[0] + lateral_std / distance * mean[1],
-            angle_variance=left / distance**2,
-        )
+        return updated([self], [(distance, angle)])[0] if distance >= self.due else self
 
     @cached_property
     def posterior(self) -> SizePosterior:
         """The likely sizes given the path, on a finer grid."""
-        config, grid = self.model.config, self.model.log_sizes
-        # (ν + δ²)/(ν + n), at least the mean's share: factor on the covariances, with
-        # which p(c, path) is a Student-t density.
-        free = config.scale_weight + self.count
-        scale = (config.scale_weight + self.squared_innovations) / free
-        scale = np.maximum(scale, self.model.least_scale)
-        misfit = free * np.log(scale)
-        log_weights = -0.5 * (_STEPS**2 + self.log_variance + misfit)
-        weights = np.exp(log_weights - log_weights.max())
-        weights /= weights.sum()
-        centre = float((weights * grid).sum())
-        variance = float((weights * (grid - centre) ** 2).sum())
-        spacing = float(grid[1] - grid[0])
-        reach = _REACH * max(math.sqrt(variance), 0.5 * spacing)
-        low, high = max(centre - reach, float(grid[0])), centre + reach
-        sizes = np.linspace(low, min(high, float(grid[-1])), _SIZES)
-        # All curves are smooth in log c: cubic interpolation through four sizes.
-        position = (sizes - grid[0]) / max(spacing, _NEAREST)
-        left = np.maximum(np.minimum(position.astype(np.int64) - 1, grid.size - 4), 0)
-        u = position - left
-        cubic = np.array(
-            [
-                -(u - 1.0) * (u - 2.0) * (u - 3.0) / 6.0,
-                u * (u - 2.0) * (u - 3.0) / 2.0,
-                -u * (u - 1.0) * (u - 3.0) / 2.0,
-                u * (u - 1.0) * (u - 2.0) / 6.0,
-            ]
+        return posteriors([self])[0]
+
+
+def updated(
+    paths: Sequence[PathSimilarity], places: Sequence[tuple[float, float]]
+) -> list[PathSimilarity]:
+    """Return R estimates, each with one more position that is far enough from its last.
+
+    The positions are distance [m] and angle [rad] as in `PathSimilarity.updated`. All
+    paths have equal settings.
+    """
+    models, config = [path.model for path in paths], paths[0].model.config
+    place: Float[np.ndarray, "2 R 1"] = np.array(places).T[..., None]
+    distance, angle = place
+    sizes = np.exp(np.array([model.log_sizes for model in models]))
+    curves = [
+        [np.interp(far, model.outward[0], curve) for curve in model.outward[1:]]
+        for model, far in zip(models, distance / sizes, strict=True)
+    ]
+    phase, expected, lateral_std = np.array(curves).swapaxes(0, 1)
+    error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
+    before = np.array([path.phase for path in paths])
+    phase = np.maximum(phase, before)
+    mean, covariance = advance(
+        np.array([path.mean for path in paths]).swapaxes(0, 1),
+        np.moveaxis(np.array([path.covariance for path in paths]), 0, 2),
+        phase - before,
+        models[0].rate,
+    )
+    # r = H (ψ, f, df/ds) + e.
+    lateral_std = sizes * lateral_std
+    gain = distance * covariance[0] + lateral_std * covariance[1]
+    explained = distance * gain[0] + lateral_std * gain[1]
+    variance = explained + config.position_std**2
+    innovation = distance * error - (distance * mean[0] + lateral_std * mean[1])
+    mean += gain * (innovation / variance)
+    covariance -= gain[:, None] * (gain / variance)
+    left = explained * (1.0 - explained / variance)
+    misfit, surprise = np.log(variance), innovation**2 / variance
+    turned = mean[0] + lateral_std / distance * mean[1]
+    angle_variance = left / distance**2
+    return [
+        PathSimilarity(
+            model=path.model,
+            log_variance=path.log_variance + misfit[row],
+            squared_innovations=path.squared_innovations + surprise[row],
+            count=path.count + 1,
+            mean=mean[:, row],
+            covariance=covariance[:, :, row],
+            phase=phase[row],
+            due=place[0] + config.spacing,
+            angle=turned[row],
+            angle_variance=angle_variance[row],
         )
-        curves = np.empty((16, grid.size))
-        curves[0], curves[1], curves[2] = log_weights, self.phase, self.angle
-        np.multiply(scale, self.angle_variance, out=curves[3])
-        curves[4:7] = self.mean
-        np.multiply(scale, self.covariance, out=curves[7:].reshape(3, 3, -1))
-        four = left + np.arange(4)[:, None]
-        refined = np.add.reduce(curves[:, four] * cubic, axis=1)
-        weights = np.exp(refined[0] - refined[0].max())
-        weights /= weights.sum()
-        angle, size_std = refined[2], _OVERLAP * float(sizes[1] - sizes[0])
-        angle_variance = np.maximum(refined[3], 0.0) + (_OVERLAP * gradient(angle)) ** 2
-        features = [
+        for row, (path, place) in enumerate(zip(paths, places, strict=True))
+    ]
+
+
+def posteriors(paths: Sequence[PathSimilarity]) -> list[SizePosterior]:
+    """Return the likely sizes given each of R paths, on a finer grid of each."""
+    config, rows = paths[0].model.config, np.arange(len(paths))[:, None]
+    grid = np.array([path.model.log_sizes for path in paths])
+    count = np.array([[path.count] for path in paths])
+    least = np.array([[path.model.least_scale] for path in paths])
+    # (ν + δ²)/(ν + n), at least the mean's share: factor on the covariances, with
+    # which p(c, path) is a Student-t density.
+    free = config.scale_weight + count
+    squared = np.array([path.squared_innovations for path in paths])
+    scale = np.maximum((config.scale_weight + squared) / free, least)
+    log_variance = np.array([path.log_variance for path in paths])
+    log_weights = -0.5 * (_STEPS**2 + log_variance + free * np.log(scale))
+    weights = _normalised(log_weights)
+    centre = np.add.reduce(weights * grid, axis=-1, keepdims=True)
+    variance = np.add.reduce(weights * (grid - centre) ** 2, axis=-1, keepdims=True)
+    first, last, spacing = grid[:, :1], grid[:, -1:], grid[:, 1:2] - grid[:, :1]
+    reach = _REACH * np.maximum(np.sqrt(variance), 0.5 * spacing)
+    low, high = np.maximum(centre - reach, first), np.minimum(centre + reach, last)
+    sizes = low + np.arange(_SIZES) * ((high - low) / (_SIZES - 1))
+    sizes[:, -1:] = high
+    # All curves are smooth in log c: cubic interpolation through four sizes.
+    position = (sizes - first) / np.maximum(spacing, _NEAREST)
+    left = np.maximum(np.minimum(position.astype(np.int64) - 1, _STEPS.size - 4), 0)
+    u = position - left
+    cubic = np.array(
+        [
+            -(u - 1.0) * (u - 2.0) * (u - 3.0) / 6.0,
+            u * (u - 2.0) * (u - 3.0) / 2.0,
+            -u * (u - 1.0) * (u - 3.0) / 2.0,
+            u * (u - 1.0) * (u - 2.0) / 6.0,
+        ]
+    )
+    curves = np.empty((16, *grid.shape))
+    curves[0] = log_weights
+    for row, path in enumerate(paths):
+        curves[1, row], curves[2, row] = path.phase, path.angle
+        np.multiply(scale[row], path.angle_variance, out=curves[3, row])
+        curves[4:7, row] = path.mean
+        curves[7:, row] = (scale[row] * path.covariance).reshape(9, -1)
+    four = left + np.arange(4)[:, None, None]
+    refined = np.add.reduce(curves[:, rows, four] * cubic, axis=1)
+    weights = _normalised(refined[0])
+    angle, size_std = refined[2], _OVERLAP * (sizes[:, 1:2] - sizes[:, :1])
+    slope = np.array([gradient(curve) for curve in angle])
+    angle_variance = np.maximum(refined[3], 0.0) + (_OVERLAP * slope) ** 2
+    features = np.array(
+        [
             np.log(np.maximum(weights, 1e-300)),
             np.exp(sizes),
-            np.full(sizes.size, size_std**2),
+            np.broadcast_to(size_std**2, sizes.shape),
             np.cos(angle),
             np.sin(angle),
             angle_variance,
             sizes,
             *refined[[4, 7]],
         ]
-        return SizePosterior(
-            model=self.model,
-            log_sizes=sizes,
-            weights=weights,
-            phase=refined[1],
-            mean=refined[4:7],
-            covariance=refined[7:].reshape(3, 3, -1),
-            scale=np.add.reduce(scale[four] * cubic, axis=0),
-            features=np.array(features),
+    )
+    scale = np.add.reduce(scale[rows, four] * cubic, axis=0)
+    return [
+        SizePosterior(
+            model=path.model,
+            log_sizes=sizes[row],
+            weights=weights[row],
+            phase=refined[1, row],
+            mean=refined[4:7, row],
+            covariance=refined[7:, row].reshape(3, 3, -1),
+            scale=scale[row],
+            features=features[:, row],
         )
+        for row, path in enumerate(paths)
+    ]
+
+
+def _normalised(log_weights: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "R C"]:
+    # Contiguous rows are added in the order in which each alone would be.
+    logs = np.ascontiguousarray(log_weights)
+    weights = np.exp(logs - logs.max(axis=-1, keepdims=True))
+    return np.asarray(weights / np.add.reduce(weights, axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -426,24 +474,33 @@ def gradient(values: np.ndarray) -> np.ndarray:
 
 
 def advance(
-    mean: Float[np.ndarray, "3 C"],
-    covariance: Float[np.ndarray, "3 3 C"],
-    step: Float[np.ndarray, " C"],
+    mean: Float[np.ndarray, "3 ..."],
+    covariance: Float[np.ndarray, "3 3 ..."],
+    step: Float[np.ndarray, "*C"],
     rate: float,
-) -> tuple[Float[np.ndarray, "3 C"], Float[np.ndarray, "3 3 C"]]:
-    """Propagate mean and covariance of C states (b, f, df/ds) by steps >= 0.
+) -> tuple[Float[np.ndarray, "3 ..."], Float[np.ndarray, "3 3 ..."]]:
+    """Propagate means and covariances of states (b, f, df/ds) by steps >= 0.
 
     b is constant, and f is a process of unit variance with the Matérn kernel of
     smoothness 3/2, (1 + λ|Δ|) exp(-λ|Δ|) with the rate λ.
     """
     decay = np.exp(-rate * step)
-    move = np.zeros((3, 3, step.size))
-    move[0, 0] = 1.0
-    move[1, 1] = decay * (1.0 + rate * step)
-    move[1, 2] = decay * step
-    move[2, 1] = -decay * rate**2 * step
-    move[2, 2] = decay * (1.0 - rate * step)
-    stationary = np.diag([0.0, 1.0, rate**2])[:, :, None]
-    moved = np.einsum("ijc,jc->ic", move, mean)
-    spread = np.einsum("ijc,jkc,lkc->ilc", move, covariance - stationary, move)
-    return moved, spread + stationary
+    # f and df/ds follow from both: rows of the transition matrix.
+    moves = (
+        (decay * (1.0 + rate * step), decay * step),
+        (-decay * rate**2 * step, decay * (1.0 - rate * step)),
+    )
+    moved, spread = np.empty_like(mean), np.empty_like(covariance)
+    moved[0], spread[0, 0] = mean[0], covariance[0, 0]
+    left = covariance[1, 1] - 1.0, covariance[2, 2] - rate**2
+    cross, other = covariance[1, 2], covariance[2, 1]
+    for i, (p, q) in enumerate(moves, 1):
+        moved[i] = p * mean[1] + q * mean[2]
+        spread[0, i] = covariance[0, 1] * p + covariance[0, 2] * q
+        spread[i, 0] = p * covariance[1, 0] + q * covariance[2, 0]
+        for j, (r, s) in enumerate(moves, 1):
+            upper = p * left[0] * r + p * cross * s
+            spread[i, j] = upper + q * other * r + q * left[1] * s
+    spread[1, 1] += 1.0
+    spread[2, 2] += rate**2
+    return moved, spread

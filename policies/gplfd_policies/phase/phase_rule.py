@@ -22,12 +22,13 @@ from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.path_similarity import (
-    PathSimilarity,
     SimilarityConfig,
     SimilarityModel,
     SizePosterior,
     normalised,
+    posteriors,
     size_and_heading,
+    updated,
 )
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.movements.movement import Predictor
@@ -57,15 +58,15 @@ class PhaseEstimate:
     these phases: about 1 or less is as expected; NaN for a rule without comparison."""
     inferred: Sequence[float] | Float[np.ndarray, " 4 *N"] = (math.nan,) * 4
     """Size of the paths so far, σ of its logarithm, heading and its σ [rad]."""
-    paths: Sequence[PathSimilarity] = ()
+    posteriors: Sequence[SizePosterior] = ()
     weights: Float[np.ndarray, "A K"] | None = None
-    """The paths, and weights of their likely sizes given also the present poses."""
+    """Likely sizes given the paths, and their weights given also the present poses."""
 
     def sizes(self, index: int) -> SizePosterior | None:
         """Return the likely sizes of a path and its present pose, if there are any."""
         if self.weights is None:
             return None
-        return replace(self.paths[index].posterior, weights=self.weights[index])
+        return replace(self.posteriors[index], weights=self.weights[index])
 
 
 @runtime_checkable
@@ -240,6 +241,8 @@ class PathPhase:
         self._turned = [0.0]
         self.settings = config
         self._similarities = [SimilarityModel.of(aligned, config.similarity).prior()]
+        self._posteriors = [self._similarities[0].posterior]
+        self._likely = self._posteriors[0].features[:, None]
 
     @classmethod
     def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
@@ -250,14 +253,18 @@ class PathPhase:
         together._numbers = np.arange(len(together._rates) // _GRID.size)
         together._turned = [0.0 for rule in rules for _ in rule._handles]
         together._handles = [handle for rule in rules for handle in rule._handles]
-        similar = [path for rule in rules for path in rule._similarities]
-        together._similarities = [path.model.prior() for path in similar]
+        together._similarities = [path for rule in rules for path in rule._similarities]
+        together._posteriors = [sizes for rule in rules for sizes in rule._posteriors]
+        together._likely = np.hstack([rule._likely for rule in rules])
+        together.reset()
         return together
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
-            self._similarities[number] = self._similarities[number].model.prior()
+            path = self._similarities[number] = self._similarities[number].model.prior()
+            self._posteriors[number] = path.posterior
+            self._likely[:, number] = path.posterior.features
             self._turned[number] = 0.0
 
     def update(
@@ -268,9 +275,9 @@ class PathPhase:
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
 
-        # Features (7, *N): ρ, θ, u, and the likely sizes (9, *N, K) given the path so
-        # far. For a few numbers per row, Python's floats are as fast as NumPy.
-        observed, paths = [], []
+        # Features (7, *N): ρ, θ, u. For a few numbers per row, Python's floats are as
+        # fast as NumPy.
+        observed, places = [], {}
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
             handle = self._handles[number]
@@ -280,17 +287,21 @@ class PathPhase:
                 most = self._turned[number] = max(self._turned[number], turn)
                 pairs = zip(leaf, handle.axis, strict=True)
                 rotation = [part + most * along for part, along in pairs]
-            path = self._similarities[number]
-            path = path.updated(math.hypot(x, z), math.atan2(-z, x))
-            self._similarities[number] = path
+            if (distance := math.hypot(x, z)) >= self._similarities[number].due:
+                places[number] = distance, math.atan2(-z, x)
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
-            paths.append(path)
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.concatenate(
-            [path.posterior.features[:, None] for path in paths], axis=1
-        )
-        similar = similar.reshape(9, *poses.shape[:-1], -1)
+        if places:
+            before = [self._similarities[number] for number in places]
+            paths = updated(before, list(places.values()))
+            for number, path, sizes in zip(
+                places, paths, posteriors(paths), strict=True
+            ):
+                self._similarities[number], self._posteriors[number] = path, sizes
+                self._likely[:, number] = sizes.features
+        # The likely sizes (9, *N, K) given the paths so far.
+        similar = self._likely[:, numbers].reshape(9, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self.settings.window
@@ -315,8 +326,8 @@ class PathPhase:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 pose_features = features.reshape(7, -1)[:, index]
-                sizes = paths[index].posterior.features
-                everywhere = self._cost(whole, pose_features, sizes)
+                likely = self._likely[:, number]
+                everywhere = self._cost(whole, pose_features, likely)
                 anywhere = self._nearest(*everywhere[:2], -1)
                 if anywhere[2] < self.settings.clearer_share * best[2]:
                     best, weights[index] = anywhere, everywhere[2]
@@ -324,7 +335,8 @@ class PathPhase:
         weights = weights / np.add.reduce(weights, axis=-1, keepdims=True)
         inferred = size_and_heading(weights.reshape(similar[0].shape), similar)
         phases, stds, misfits = np.array(estimates).T.reshape(3, *previous.shape)
-        return PhaseEstimate(phases, stds, misfits, inferred, paths, weights)
+        present = [self._posteriors[number] for number in numbers]
+        return PhaseEstimate(phases, stds, misfits, inferred, present, weights)
 
     def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
