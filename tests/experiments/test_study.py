@@ -119,12 +119,8 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
 def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):
     """And all of a set of demonstrations, so that it is learned from once."""
     first = [episode(door=door) for door in DOORS] + [episode(policy="gp@no-size")]
-    others = [
-        episode(seed=1),
-        episode(demonstrations_per_door=3),
-        episode(demonstrated_forces=True),
-        episode(habits={"pauses": 1}),
-    ]
+    others = [episode(seed=1), episode(demonstrations_per_door=3)]
+    others += [episode(demonstrated_forces=True), episode(habits={"pauses": 1})]
     apart = [
         episode(policy="oracle"),
         episode(base="mobile"),

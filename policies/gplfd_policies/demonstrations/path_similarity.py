@@ -267,8 +267,8 @@ def posteriors(paths: Sequence[PathSimilarity]) -> list[SizePosterior]:
     """Return the likely sizes given each of R paths, on a finer grid of each."""
     config, rows = paths[0].model.config, np.arange(len(paths))[:, None]
     grid = np.array([path.model.log_sizes for path in paths])
-    count = np.array([[path.count] for path in paths])
-    least = np.array([[path.model.least_scale] for path in paths])
+    counts = [(path.count, path.model.least_scale) for path in paths]
+    count, least = np.array(counts).T[..., None]
     # (ν + δ²)/(ν + n), at least the mean's share: factor on the covariances, with
     # which p(c, path) is a Student-t density.
     free = config.scale_weight + count

@@ -242,7 +242,7 @@ class PathPhase:
         self.settings = config
         self._similarities = [SimilarityModel.of(aligned, config.similarity).prior()]
         self._posteriors = [self._similarities[0].posterior]
-        self._likely = self._posteriors[0].features[:, None]
+        self._likely = np.stack([self._posteriors[0].features], axis=1)
 
     @classmethod
     def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
@@ -294,10 +294,9 @@ class PathPhase:
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
         if places:
             before = [self._similarities[number] for number in places]
-            paths = updated(before, list(places.values()))
-            for number, path, sizes in zip(
-                places, paths, posteriors(paths), strict=True
-            ):
+            moved = updated(before, list(places.values()))
+            together = zip(places, moved, posteriors(moved), strict=True)
+            for number, path, sizes in together:
                 self._similarities[number], self._posteriors[number] = path, sizes
                 self._likely[:, number] = sizes.features
         # The likely sizes (9, *N, K) given the paths so far.
