@@ -149,17 +149,27 @@ def compensated_at(load, distance=0.0, force=20.0):
 
 
 def test_a_door_is_expected_to_be_as_heavy_as_it_was():
-    """r̂ goes to the resistance as exp(-way/stretch), by steps of about 5 mm."""
-    load = LearnedLoad(limit=25.0, stretch=0.03).begin(DEFAULT_PROFILE)
+    """r̂ goes to the resistance as exp(-way/stretch), by steps of about 5 mm.
+
+    Once half of it is measured, it falls over `memory`, and rises as before.
+    """
+    load = LearnedLoad(limit=25.0, stretch=0.03, memory=0.1).begin(DEFAULT_PROFILE)
     moved(load, 6.0, 0.06, steps=600)
+    half = 0.03 * np.log(2.0)
     assert compensated_at(load, 0.06) == pytest.approx(
-        6.0 + 19.0 * np.exp(-2.0), rel=0.06
+        6.0 + 9.5 * np.exp((half - 0.06) / 0.1), rel=0.06
     )
-    moved(load, 6.0, 0.3)
-    held = load.update(contact(wrench(x=-20.0), position=(0.3, 0.0, 0.0)))
+    moved(load, 6.0, 0.9)
+    held = load.update(contact(wrench(x=-20.0), position=(0.9, 0.0, 0.0)))
     assert held.compensated_load == pytest.approx(6.0, abs=0.05)
     left = wrench(x=held.compensated_load - 20.0)
     assert_allclose(held.compliant_wrench, left)
+    moved(load, 20.0, 0.06, steps=600)
+    risen = 20.0 - 14.0 * np.exp(-2.0)
+    assert compensated_at(load, 0.06) == pytest.approx(risen, rel=0.06)
+    moved(load, 6.0, 0.1, steps=1000)
+    fallen = 6.0 + (risen - 6.0) * np.exp(-1.0)
+    assert compensated_at(load, 0.1) == pytest.approx(fallen, rel=0.06)
     load.reset()
     assert compensated_at(load, force=24.0) == 24.0
 
@@ -167,10 +177,10 @@ def test_a_door_is_expected_to_be_as_heavy_as_it_was():
 def test_a_door_that_sticks_and_slips_is_as_heavy_as_where_it_sticks():
     """15 N start it every 4 mm, 3 N keep it moving; afterwards it is free to move."""
     load = LearnedLoad(limit=25.0, stretch=0.03).begin(DEFAULT_PROFILE)
-    for step, way in enumerate(np.arange(0.0, 0.3, 1e-3)):
+    for step, way in enumerate(np.arange(0.0, 0.4, 1e-3)):
         resistance = 15.0 if step % 4 == 0 else 3.0
         load.update(contact(wrench(x=-resistance), position=(way, 0.0, 0.0)))
-    assert compensated_at(load, 0.299) == pytest.approx(15.0, abs=0.05)
+    assert compensated_at(load, 0.399) == pytest.approx(15.0, abs=0.05)
     moved(load, 3.0, 0.6, steps=600)
     assert compensated_at(load, 0.6) == pytest.approx(3.0, abs=0.05)
 

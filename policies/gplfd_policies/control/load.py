@@ -199,7 +199,9 @@ class LearnedLoad(Load):
     that was needed to move the hand: the maximum in each step of `step` metres, because
     of stick-slip friction. A person who holds the hand stops it, which does not count.
     Over the same distance the share w of r̂ that was measured rises from 0 to 1: a
-    weight that was learned stays compensated, however far the hand lags.
+    weight that was learned stays compensated, however far the hand lags. From w = 1/2
+    on, r̂ falls over `memory` metres, because a leaf with momentum needs less force for
+    a while than its closer soon demands.
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`
@@ -232,6 +234,8 @@ class LearnedLoad(Load):
     """Least expected resistance of a door [N]: variations of hinge and sensor."""
     stretch: float = quantity(0.03, above=0.0, unit="m")
     """Length of path over which r̂ follows the resistance [m]."""
+    memory: float = quantity(0.06, above=0.0, unit="m")
+    """Length of path over which the r̂ of a known door falls [m]. Tuned."""
     reach: float = quantity(0.1, above=0.0, unit="m")
     """ℓ: distance that limits the compensated load to the force k(g) ℓ [m]."""
     lag: float = quantity(0.03, above=0.0, unit="m")
@@ -282,15 +286,18 @@ class _LoadLearner(Load):
         mark = self._mark[rows]
         mark = np.where(np.isnan(mark), position, mark)
         moved = _along(direction, position - mark)
-        weight = np.where(moved >= rule.step, -np.expm1(-moved / rule.stretch), 0.0)
         limit = rule.limit * gain
         before = self._expected[rows]
         before = np.where(np.isnan(before), limit, before)
         most = np.maximum(self._most[rows], resistance)
         met = np.minimum(np.maximum(most, rule.least), limit)
-        expected = self._expected[rows] = before + weight * (met - before)
         learned = self._learned[rows]
-        learned = self._learned[rows] = learned + weight * (1.0 - learned)
+        falls = (met < before) & (learned > 0.5)
+        went = np.where(moved >= rule.step, moved, 0.0)
+        stretch = np.where(falls, rule.memory, rule.stretch)
+        expected = before - np.expm1(-went / stretch) * (met - before)
+        learned = learned - np.expm1(-went / rule.stretch) * (1.0 - learned)
+        self._expected[rows], self._learned[rows] = expected, learned
         # After a motion backwards, the hand must first move forward again to learn.
         away = np.abs(moved) >= rule.step
         self._most[rows] = np.where(away, 0.0, most)
