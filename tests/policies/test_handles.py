@@ -302,7 +302,7 @@ def test_turning_a_handle_teaches_nothing_of_the_door(load):
     held = load.update(contact(-20.0 * PULL))
     assert held.compensated_load == pytest.approx(20.0)
     stop = load.update(contact(-20.0 * WAY)).compliant_wrench[:3] @ -WAY
-    # The lever: from 58 N to 2 N over 3 cm, and over 6 cm from the middle of it on.
+    # The lever: from 25 N to 2 N over 3 cm, and over 6 cm from the middle of it on.
     turned = np.sqrt((np.diff(poses, axis=0)[:, :3] ** 2).sum(axis=1)).sum()
-    lever = 2.0 + 28.0 * np.exp((0.03 * np.log(2.0) - turned) / 0.06)
+    lever = 2.0 + 11.5 * np.exp((0.03 * np.log(2.0) - turned) / 0.06)
     assert 20.0 - stop == pytest.approx(lever, rel=0.1)
