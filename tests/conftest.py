@@ -144,7 +144,7 @@ def _learned_once() -> Iterator[None]:
 
 
 @pytest.fixture
-def policies_here(monkeypatch: pytest.MonkeyPatch) -> None:
+def policies_here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """Call users' policies in this process: one for each takes seconds to start."""
     from gplfd_experiments.studies import jobs, sources
 
@@ -153,6 +153,11 @@ def policies_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in (jobs, sources):
         monkeypatch.setattr(module, "call_apart", call)
+    yield
+    # Another test has a file of the same name.
+    for name, loaded in list(sys.modules.items()):
+        if str(getattr(loaded, "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
 @pytest.fixture
