@@ -155,8 +155,8 @@ class ImportSettings:
     """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
     [m]. Moments are about its origin."""
     force_rest: _Seconds = 0.0
-    """Time at the start without contact of the hand [s]; the mean force in this time is
-    the bias that is removed. 0 removes no bias."""
+    """Time at the start without contact of the hand [s]; the mean force in this time,
+    less the tool's weight, is the bias that is removed. 0 removes no bias."""
     tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
     """Weight of the tool on the sensor, which is subtracted [N]."""
     tool_centre: _Vector = (0.0, 0.0, 0.0)

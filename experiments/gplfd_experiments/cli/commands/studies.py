@@ -147,8 +147,8 @@ class SkillTests:
     """Three or more demonstrations: a set, or the file of a `gplfd run`."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME,)
-    """Methods to compare; see `gplfd list`. "table-1" stands for the nine of the
-    paper's Table 1."""
+    """Methods to compare; see `gplfd list`. "table-1" stands for gp and the eight
+    of the paper's Table 1."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Method with which the others are compared."""
