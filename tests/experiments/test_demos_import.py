@@ -190,7 +190,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     kept = load_demonstrations("cabinet")
     # One door, from seven places; the hand slips by some millimetres on its handle.
     assert_allclose(np.array(kept.radii, dtype=float), 0.386, rtol=0.04)
-    (result,) = json.loads(Path("opened/metrics.json").read_text())
+    (result,) = json.loads(Path("opened-cabinet/metrics.json").read_text())
     assert result["success"]
 
 
