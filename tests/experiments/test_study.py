@@ -121,15 +121,11 @@ def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):
     first = [episode(door=door) for door in DOORS] + [episode(policy="gp@no-size")]
     others = [episode(seed=1), episode(demonstrations_per_door=3)]
     others += [episode(demonstrated_forces=True), episode(habits={"pauses": 1})]
-    apart = [
-        episode(policy="oracle"),
-        episode(base="mobile"),
-        episode(robot="panda-like"),
-        episode(start="approach"),
-        episode(practice={"corrections": 1}),
-        SkillTask(policy="gp", seed=0, held_out="radius"),
-        SkillTask(policy="gp", seed=0, held_out="demonstration"),
-    ]
+    apart = [episode(policy="oracle"), episode(base="mobile")]
+    apart += [episode(robot="panda-like"), episode(start="approach")]
+    apart += [episode(practice={"corrections": 1})]
+    apart += [SkillTask(policy="gp", seed=0, held_out="radius")]
+    apart += [SkillTask(policy="gp", seed=0, held_out="demonstration")]
     found = jobs_of([first[0], *apart, *others, *first])
     assert found == ((*first, *others), *((task,) for task in apart))
     monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 4)

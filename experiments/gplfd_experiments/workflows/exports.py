@@ -95,6 +95,11 @@ def export_skill(
     if frame is not None and tool is None:
         LOG.warning("warning: without --tool its axes are those of the task frame")
     method, learned = method_and_skill(policy, skill)
+    if frame is not None and learned.frame != "door":
+        LOG.warning(
+            f"warning: the axes of {skill} are not a door's ({learned.frame} frame): "
+            "--frame must be their pose in the base"
+        )
     path = commanded_path(method.open_loop(1.0 / rate).follow(learned))
     name, aligned, limits = "task", learned.aligned, limits or OperatorLimits()
     low, high = np.reshape(limits.workspace, (2, 3))
