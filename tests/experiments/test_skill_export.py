@@ -143,13 +143,13 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
     assert "samples in the frame of the base" in said.out
     assert "without --tool" in said.err
     assert "not a door's" not in said.err
+    assert {one.name for one in tmp_path.iterdir()} == {"a.b.json", "a.b.bag"}
+    entries = json.loads((tmp_path / "a.b.json").read_text())
+    assert (entries["frame"]["name"], entries["rate_hz"]) == ("base", 20.0)
     replace(load_skill(skill_file), frame="first pose").save(tmp_path / "other.npz")
     given[1:] = [str(tmp_path / "other.npz"), "--out", str(tmp_path / "c.csv")]
     assert cli.main([*given, "--frame", FRAME]) == 0
     assert "are not a door's (first pose frame)" in capsys.readouterr().err
-    assert {one.name for one in tmp_path.iterdir()} == {"a.b.json", "a.b.bag"}
-    entries = json.loads((tmp_path / "a.b.json").read_text())
-    assert (entries["frame"]["name"], entries["rate_hz"]) == ("base", 20.0)
     assert cli.main([*given, "--form", "bag"]) == 0  # a bag is replaced
 
 
