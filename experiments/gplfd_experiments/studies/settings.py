@@ -25,9 +25,9 @@ class StudySettings:
     policies: tuple[str, ...] = (TABLE_1_NAME, "mean", "hinge-fit")
     """Policies to compare: names from `gplfd list`, module:function for your own, or
     ws://HOST:PORT of a server (openpi protocol).
-    "table-1" stands for the learners of the paper's Table 1, "table-1@published" for
-    the same methods as published. mean and hinge-fit, which learn next to nothing, are
-    what a learner has to beat."""
+    "table-1" stands for gp and the eight of the paper's Table 1, "table-1@published"
+    for the same methods as published. mean and hinge-fit, which learn next to nothing,
+    are what a learner has to beat."""
 
     doors: tuple[str, ...] = (
         *("small", "medium", "large"),

@@ -151,7 +151,7 @@ LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
             accepts_prior_mean=True,
         ),
         "kmp": Learner(
-            summary="kernelised movement primitive, regularisation for doors",
+            summary="kernelised movement primitive, regularisation in metres",
             fit=partial(fit_kmp, config=DOOR_KMP),
             adaptation=OwnAdaptation,
         ),

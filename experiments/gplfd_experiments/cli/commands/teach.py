@@ -66,7 +66,7 @@ class Correct(PageOptions):
     """Correct a skill: lead its hand where it fails, or let a program do so.
 
     A synthetic corrector watches the skill open doors, one after the other. If the
-    command leaves the handle's path or the door stalls, it leads the hand.
+    commanded pose leaves the handle's path or the door stalls, it leads the hand.
     With --device you lead the hand, in a web page of this machine. The skill stores the
     motion and learns from it. See docs/your-data.md.
     """
