@@ -60,8 +60,8 @@ class Submit(Card):
 class Verify:
     """Check the hashes of a submission, and run a random tenth of its tasks again.
 
-    The results must be equal, number by number; from another processor, to 0.1 (N,
-    degrees, s, mm) or a tenth of a percent. A difference ends with exit status 1.
+    Numbers must be equal; from another processor, all but forecasts to 0.1 (N, degrees,
+    s, mm) or a tenth of a percent. A difference ends with exit status 1.
     """
 
     archive: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE.zip")]
