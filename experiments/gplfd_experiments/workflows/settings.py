@@ -46,7 +46,7 @@ class RunSettings(EpisodeSettings):
     """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
 
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
-    """Learn from this .npz file of demonstrations instead of the synthetic human."""
+    """Learn from this set, or its .npz file, instead of the synthetic human."""
 
     skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Use this skill, a file written by `gplfd learn`, instead of learning one."""
