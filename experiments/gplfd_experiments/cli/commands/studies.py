@@ -80,7 +80,7 @@ class Trials:
     """Test each idea of the method in conditions where it matters; resumable.
 
     Writes the same files as `gplfd benchmark`. The whole protocol has 16,380 episodes,
-    `--part ideas` 5,780, and `--part small` 270, which take a minute or two.
+    `--part ideas` 5,780, and `--part small` 270, which take about a minute.
     """
 
     trials: tuple[str, ...] = ()
