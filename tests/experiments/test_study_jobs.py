@@ -93,8 +93,9 @@ def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
             learned.append(training)
             return super().learn(training)
 
-    learner = Learner(fit=fit_skill, adaptation=ProcessAdaptation)
-    method = Noting(learner=learner)
+    fit: Any = mock.MagicMock(side_effect=fit_skill)
+    fit.__hash__ = mock.Mock(side_effect=TypeError)  # as of a user's dataclass
+    method = Noting(learner=Learner(fit=fit, adaptation=ProcessAdaptation))
     changed = dataclasses.replace(registry.policy_named("gp"), make=method)
     monkeypatch.setattr(registry, "POLICIES", {"gp": changed})
     doors, slow = (0.35, 0.42, 0.5), {**task().teacher, "duration_mean": 9.0}
@@ -104,9 +105,8 @@ def test_what_is_learned_once_opens_all_doors(opened, monkeypatch):
     results = run_job((*job, *variants, task("gp@no-continuation", **fields)))
     assert [result["metrics"]["door"] for result in results][:3] == [*map(str, doors)]
     # Only the continuation changes what is learned.
-    training, again = learned
+    (training, again), call = learned, opened[0]
     assert [*again.demonstrations] == [*training.demonstrations]
-    call = opened[0]
     durations = [one.times[-1] for one in training.demonstrations]
     assert (training.seed, len(durations)) == (3, 6)
     assert min(durations) > 6.0

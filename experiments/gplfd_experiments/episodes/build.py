@@ -87,8 +87,9 @@ def demonstrations_hash(task: EpisodeTask) -> str:
     return hash_of(demonstrations_of(task).demonstrations)
 
 
-Movements = dict[Hashable, Movement]
-"""Learned movements by learner, demonstrations, and what else they depend on."""
+Movements = dict[Hashable, tuple[object, Movement]]
+"""Learned movements by the identity of what learned and the name of what they learned
+from. The method is kept with each, so that no other object gets its identity."""
 
 
 def learned(
@@ -107,10 +108,11 @@ def learned(
         return lambda: as_agent(policy.make(training))
     modes, alike = [], {} if movements is None else movements
     for numbers in method.modes(training):
-        pipeline = method.pipeline.align, method.pipeline.beyond
-        if (key := (method.learner, *pipeline, lesson, numbers)) not in alike:
-            alike[key] = method.learn(training.of(numbers))
-        modes.append(LearnedMode(numbers, alike[key]))
+        part = method.pipeline
+        key = id(method.learner), id(part.align), part.beyond, lesson, numbers
+        if key not in alike:
+            alike[key] = method, method.learn(training.of(numbers))
+        modes.append(LearnedMode(numbers, alike[key][1]))
     parts: list[Any] = [mode.movement for mode in modes]
     parts += [getattr(movement, "forces", None) for movement in parts]
     # A copy takes a tenth of the time of another agent; what was learned is shared.
@@ -131,10 +133,8 @@ def learned_agents(
     those that earlier tasks learned from equal demonstrations are not learned again.
     """
     lesson = task.demonstrations_key, task.prior_radius
-    if labelled is None:
-        labelled = demonstrations_of(task)
-    else:
-        movements = None
+    movements = movements if labelled is None else None
+    labelled = labelled or demonstrations_of(task)
     prior_mean = None
     if task.prior_radius is not None:
         # The whole arc on the phase of demonstrations that end earlier.
