@@ -33,7 +33,7 @@ from gplfd_experiments.studies.trials.protocol import REFERENCES, TRACKS, TRIALS
 from gplfd_experiments.studies.trials.protocol import VERSION as PROTOCOL
 
 ROOT: Final = Path(__file__).parents[1]
-STORED: Final = ROOT / f"docs/results/trials-{PROTOCOL}.json"
+STORED: Final = ROOT / "docs/results/trials.json"
 ACROSS: Final = ("force_radial_impulse", "force_radial_20ms")
 NOT_RUN: Final = "*not run yet*"
 

@@ -3,11 +3,11 @@
 ``{{ FILE / … }}`` becomes a number of docs/results/FILE.json, and a line
 ``<!-- results: NAME -->`` the table or text of `BLOCKS` with this name:
 
-    {{ trials-1.0 / TRIAL / LEVEL / POLICY / MEASURE }}    value, then its interval
-    {{ trials-1.0 / TRIAL / LEVEL / POLICY / opened }}     doors opened, of how many
-    {{ trials-1.0 / TRACK / POLICY / MEASURE }}            the same over a track
-    {{ trials-1.0 / TRIAL / with – without / MEASURE }}    a contrast
-    {{ trials-1.0 / episodes }}                            their number
+    {{ trials / TRIAL / LEVEL / POLICY / MEASURE }}    value, then its interval
+    {{ trials / TRIAL / LEVEL / POLICY / opened }}     doors opened, of how many
+    {{ trials / TRACK / POLICY / MEASURE }}            the same over a track
+    {{ trials / TRIAL / with – without / MEASURE }}    a contrast
+    {{ trials / episodes }}                            their number
     {{ FILE / POLICY }}                                    doors opened, of rows
     {{ scored / TRIAL }}                                   the measures of a condition;
                                                            those of contrasts in italics

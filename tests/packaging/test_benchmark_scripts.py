@@ -198,10 +198,10 @@ def test_every_number_of_the_pages_has_a_result(tmp_path, monkeypatch):
         numbers = {"gp": {"success": 0.9, "force_radial_20ms": 1.0}}
         made_too = {"numbers": {"a": numbers, "b": {}}, "kendall": {"b": {}}}
         (tmp_path / "robustness.json").write_text(json.dumps(made_too))
-    macro = "{{ trials-1.0 / radius / gpp / success }}"
+    macro = "{{ trials / radius / gpp / success }}"
     with pytest.raises(KeyError, match=re.escape(f"a.md: {macro}")):
         measured.written(macro, "a.md")
-    assert measured.number("trials-1.0 / learner / gp / success") == "50 % (50 to 51)"
+    assert measured.number("trials / learner / gp / success") == "50 % (50 to 51)"
 
 
 def test_the_readme_has_the_present_results():
