@@ -1,12 +1,14 @@
 """Tables of the trials: python benchmarks/leaderboard.py [--write].
 
-They are computed from trials.json, which `gplfd report` writes for `gplfd trials`. A
-value of a seed is the mean over doors, levels and trials. A share is the mean of the
-seeds with Student's interval; other measures are the Hodges-Lehmann estimate with its
-interval (95 % each).
+They are computed from trials.json, which `gplfd report` writes for `gplfd trials`,
+and from the archives of `gplfd submit` in docs/results/submissions. A value of a seed
+is the mean over doors, levels and trials. A share is the mean of the seeds with
+Student's interval; other measures are the Hodges-Lehmann estimate with its interval
+(95 % each).
 """
 
 import re
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import Any, Final
 
 import tyro
 
+from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import (
     Shift,
     holm,
@@ -26,14 +29,19 @@ from gplfd_experiments.analysis.results.trials import (
     MEASURES,
     SMALLEST_SHARE,
     success_measure,
+    trial_answers,
 )
-from gplfd_experiments.files.plain_data import read_json
+from gplfd_experiments.files.plain_data import naming, read_json, read_toml
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRACKS, TRIALS
 from gplfd_experiments.studies.trials.protocol import VERSION as PROTOCOL
+from gplfd_experiments.workflows.submissions import extracted
+from gplfd_policies.registry.built_in import POLICIES
+from gplfd_policies.registry.catalogue import split_name
 
 ROOT: Final = Path(__file__).parents[1]
 STORED: Final = ROOT / "docs/results/trials.json"
+SUBMISSIONS: Final = ROOT / "docs/results/submissions"
 ACROSS: Final = ("force_radial_impulse", "force_radial_20ms")
 NOT_RUN: Final = "*not run yet*"
 
@@ -41,14 +49,40 @@ Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Measures by trial, level and policy."""
 
 
+def published() -> list[Path]:
+    """Return the stored results of the project, and the archives of other people."""
+    return [*filter(Path.exists, [STORED]), *sorted(SUBMISSIONS.glob("*.zip"))]
+
+
+def submitted(archive: Path) -> dict[str, Any]:
+    """Return what trials.json would hold of the foreign policies of an archive.
+
+    They are named after policy and archive, and have an entry ``knows``.
+    """
+    with naming(archive), tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        if changed := extracted(archive, folder):
+            raise ValueError(changed[0])
+        knows = ", ".join(read_toml(folder / "card.toml")["knowledge"])
+        content = trial_answers(read_results(folder))
+    for levels in content["trials"].values():
+        for level, policies in levels.items():
+            levels[level] = {
+                f"{policy} ({archive.stem})": {**numbers, "knows": knows}
+                for policy, numbers in policies.items()
+                if split_name(policy)[0] not in POLICIES
+            }
+    return content
+
+
 def answers_of(files: Iterable[Path]) -> Answers:
     """Return what files hold together; of a policy in several what the first says.
 
-    Raises ValueError for a file of another protocol.
+    Raises ValueError for a file of another protocol, or a changed archive.
     """
     answers: dict[str, dict[str, dict[str, Any]]] = {}
     for file in files:
-        content = read_json(file)
+        content = submitted(file) if file.suffix == ".zip" else read_json(file)
         if content.get("protocol") != PROTOCOL:
             raise ValueError(
                 f"{file} is of protocol {content.get('protocol')}, and the leaderboard "
@@ -149,6 +183,8 @@ def leaderboard(answers: Answers, track: str) -> Table:
     for policy in ranked(answers, trials):
         knows = "that doors have a hinge" if policy in REFERENCES else "demonstrations"
         knows = "the door" if policy == "oracle" else knows
+        level = levels_of(trials[0])[0]
+        knows = answers[trials[0]][level][policy].get("knows", knows)
         cells = [cell(answers, trials, policy, m) for m in ("success", *measures)]
         rows.append((f"`{policy}`", knows, *cells))
     heads = [f"{MEASURES[m].title}\n{', '.join(scored[m])}" for m in measures]
@@ -161,7 +197,8 @@ def verdict(answers: Answers, track: str = "learner") -> str:
     shares = {p: by_seed(answers, trials, p) for p in ranked(answers, trials)}
     mean = shares["mean"]
     shifts = {p: mean_shift(s, mean) for p, s in shares.items()}
-    learners = [policy for policy in shares if policy not in (*REFERENCES, "mean")]
+    compared = {*TRACKS[track].policies}.difference(REFERENCES, ["mean"])
+    learners = [policy for policy in shares if policy in compared]
     corrected = holm([signed_rank(shares[policy], mean) for policy in learners])
     apart = sum(
         p_value <= 0.05 and abs(shifts[policy].estimate) >= SMALLEST_SHARE
@@ -197,10 +234,10 @@ def main(
     """Print a table per track as Markdown, or write README.md.
 
     Args:
-        files: Files trials.json of other people.
+        files: Files trials.json, or archives, of other people.
         write: Write the verdict between the marks of README.md.
     """
-    answers = answers_of([*filter(Path.exists, [STORED]), *files])
+    answers = answers_of([*published(), *files])
     if write:
         readme = ROOT / "README.md"
         readme.write_text(with_results(readme.read_text(), answers))

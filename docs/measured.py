@@ -299,7 +299,7 @@ def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
     def made(*track: str) -> Table | str:
         if not board.STORED.exists():
             return board.NOT_RUN
-        return make(board.answers_of([board.STORED]), *track)
+        return make(board.answers_of(board.published()), *track)
 
     return made
 

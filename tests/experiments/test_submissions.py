@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import importlib
 import json
 import sys
 import zipfile
@@ -15,9 +16,11 @@ from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.trials import protocol
+from gplfd_experiments.workflows import submissions
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
 
+ROOT = Path(__file__).parents[2]
 STILL = """
 import helper
 
@@ -102,6 +105,21 @@ def test_what_was_submitted_is_verified_and_what_was_changed_is_found(trials, ca
     assert (
         changed(lambda r: r["task"].pop("policy_source"), adapted=True, trust=()) == 2
     )
+
+
+def test_the_leaderboard_has_archives_of_the_present_protocol(trials, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    leaderboard = importlib.import_module("leaderboard")
+    assert main(["submit", "trials", *CARD, "--out", "theirs.zip"]) == 0
+    answers = leaderboard.answers_of([Path("theirs.zip")])
+    (policies,) = answers["stop"].values()
+    (numbers,) = policies.values()
+    assert [*policies] == [f"{trials[0].policy} (theirs)"]
+    assert numbers["knows"] == "demonstrations, mechanism"
+    assert numbers["success"]["seeds"] == {str(t.seed): 0.0 for t in trials}
+    monkeypatch.setattr(submissions, "VERSION", "2.0")
+    with pytest.raises(ValueError, match=r"theirs.zip: it is of protocol .*, not of 2"):
+        leaderboard.submitted(Path("theirs.zip"))
 
 
 def test_what_does_not_follow_the_protocol_is_not_submitted(trials, capsys):

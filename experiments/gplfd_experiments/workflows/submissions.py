@@ -90,8 +90,8 @@ def verify(path: Path, seed: int, engine: Engine, *, trust: bool) -> list[str]:
     """
     with plain_data.naming(path), tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        if changed := _extract(path, folder):
-            return [f"{name}: changed, not of the stated hash" for name in changed]
+        if changed := extracted(path, folder):
+            return changed
         plain_data.read_toml(folder / "card.toml")
         results = read_results(folder)
         # By their names: what an archive says of their sources may be wrong.
@@ -108,8 +108,11 @@ def verify(path: Path, seed: int, engine: Engine, *, trust: bool) -> list[str]:
             return problems or _differences(results, folder / "again", seed, engine)
 
 
-def _extract(path: Path, folder: Path) -> list[str]:
-    """Write the members of an archive; return those that have not the stated hash."""
+def extracted(path: Path, folder: Path) -> list[str]:
+    """Write the members of an archive; return which of them have another hash.
+
+    ValueError: it is no submission, or of another protocol.
+    """
     try:
         with zipfile.ZipFile(path) as file:
             sizes = {info.filename: info.file_size for info in file.infolist()}
@@ -121,14 +124,18 @@ def _extract(path: Path, folder: Path) -> list[str]:
         about = plain_data.parsed_json(members.pop("submission.json").decode())
         plain_data.check_stamp(about, *_STAMP)
         stated = plain_data.entry(about, "files", dict[str, str])
+        protocol = plain_data.entry(about, "protocol", str)
     # Those of missing members, of encrypted ones, and of damage.
     except (KeyError, RuntimeError, zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise ValueError(f"it is no submission: {error}") from error
+    if protocol != VERSION:
+        raise ValueError(f"it is of protocol {protocol}, not of {VERSION}")
     for name, content in members.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(content)
-    return sorted({name for name, _ in _hashes(members).items() ^ stated.items()})
+    changed = sorted({name for name, _ in _hashes(members).items() ^ stated.items()})
+    return [f"{name}: changed, not of the stated hash" for name in changed]
 
 
 def _hashes(members: Mapping[str, bytes]) -> dict[str, str]:
