@@ -170,3 +170,18 @@ def test_every_public_name_has_a_place_in_the_reference():
     for module, name in (each.split(":") for each in made):
         (shown,) = re.findall(rf"^::: {module}\n(?: +(.*))?", pages, re.MULTILINE)
         assert not shown or name in shown, f"{module}.{name}"
+
+
+def test_the_container_runs_the_first_command_of_the_readme():
+    """And both containers install the system packages that the pages name."""
+    container = ROOT / ".devcontainer"
+    image, development = (
+        (container / name).read_text() for name in ("Dockerfile", "devcontainer.json")
+    )
+    lists = re.findall(r"^(?:ENTRYPOINT|CMD) (\[.*\])$", image, re.MULTILINE)
+    command = " ".join(word for part in lists for word in json.loads(part))
+    assert f"pip install . && {command}\n" in (ROOT / "README.md").read_text()
+    quickstart = (DOCS / "quickstart.md").read_text()
+    (packages,) = re.findall(r"`apt-get install (.*?)`", quickstart)
+    assert packages in image
+    assert packages in json.loads(development)["onCreateCommand"]
