@@ -56,7 +56,7 @@ def test_one_cluster_is_a_plain_gaussian_process():
     noise = float(movement.processes[0][output].noise.variance(TIMES)[0])
     observed = aligned.poses[:, :, output].ravel()
     start = (
-        ConstantKernel(kernel.variance) * SklearnRBF(kernel.length_scale)
+        ConstantKernel(kernel.signal_std**2) * SklearnRBF(kernel.length_scale)
     ) + WhiteKernel(noise)
     inputs = np.tile(TIMES, 3)[:, None]
     plain = GaussianProcessRegressor(start, optimizer=None, normalize_y=True)

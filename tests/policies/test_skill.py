@@ -129,7 +129,7 @@ def test_spectral_and_dense_moments_agree(skill):
         assert_allclose(fast.mean[:, output], mean, atol=1e-8)
         # Dense, a variance is what is left of the prior's after a subtraction: BLAS
         # kernels differ by up to 3e-11 of it.
-        prior = scale**2 * fitted.kernel.variance
+        prior = scale**2 * fitted.kernel.signal_std**2
         assert_allclose(fast.latent[:, output], variance, atol=1e-10 * prior)
         # Slopes of a polynomial magnify the rounding of its 48 coefficients: kernels
         # differ by up to 1.3e-6 here.

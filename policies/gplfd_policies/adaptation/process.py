@@ -66,7 +66,7 @@ class Repetition:
         """Return the prior for moments at the nodes of the basis."""
         root = basis.root_weights[:, None]
         # φ_i are the eigenvectors times roots of the eigenvalues.
-        values, vectors = np.linalg.eigh(basis.weigh(covariance))
+        values, vectors = np.linalg.eigh(root * covariance * root.T)
         values = np.maximum(values, 0.0)
         kept = values > _LEFT_OUT * values[..., -1:]
         most = max(int(np.max(np.sum(kept, axis=-1))), 1)
@@ -141,7 +141,8 @@ class ConditionedProcess:
 
     def variance(self) -> Outputs:
         """Square of the current standard deviation."""
-        return np.asarray(self._scale() * self._unscaled_variance())
+        unscaled = np.maximum(self._variance, 0.0) + self._white
+        return np.asarray(self._scale() * unscaled)
 
     @property
     def log_evidence(self) -> float:
@@ -200,7 +201,7 @@ class ConditionedProcess:
         blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
         rates = self._basis.matrix(self.grid) @ self._basis.differentiate(self._table)
         slopes, stretch = _curves(rates), np.sqrt(self._scale())
-        spread = np.sqrt(self._unscaled_variance())
+        spread = np.sqrt(np.maximum(self._variance, 0.0) + self._white)
         smooth_rate = 2.0 * np.sum(slopes @ blocks * self._curves, axis=2).T
         variance_rate = smooth_rate + self._white * rates[:, 6:12]
         state = self._state[self._places]
@@ -215,9 +216,6 @@ class ConditionedProcess:
             ),
             degrees_of_freedom=self._free,
         )
-
-    def _unscaled_variance(self) -> Outputs:
-        return np.asarray(np.maximum(self._variance, 0.0) + self._white)
 
     def _scale(self) -> Pose:
         """Factor on the variances, from the innovations of the via-points."""

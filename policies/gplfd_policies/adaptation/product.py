@@ -82,7 +82,7 @@ class ProductAdaptation:
             if self._prior_mean == "demonstration":
                 prior = demonstrated.mean[:, output]
                 values = values - self._skill.predict(phases).mean[:, output]
-            noise = np.maximum(noise, _STRONGEST * kernel.variance)
+            noise = np.maximum(noise, _STRONGEST * kernel.signal_std**2)
             via = ExactGP(
                 kernel=kernel, times=phases, values=values, noise_variance=noise
             )

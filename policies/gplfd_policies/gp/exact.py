@@ -128,7 +128,7 @@ class ExactGP:
     def variance(self, times: Times) -> Curve:
         """Diagonal of :meth:`covariance`, never negative."""
         half = self.factor.half_solve(self.kernel(self.times, times))
-        left = self.kernel.variance - np.sum(half**2, axis=0)
+        left = self.kernel.signal_std**2 - np.sum(half**2, axis=0)
         return np.asarray(np.maximum(left, 0.0))
 
     def rates(self, times: Times) -> tuple[Curve, Curve]:
@@ -218,7 +218,7 @@ class SpectralEvidence:
         """Reduce M samples in one pass; noise variances must be > 0."""
         root = 1.0 / np.sqrt(noise)
         whitened = values * root
-        design = basis.shared_matrix(times) * root[:, None]
+        design = basis.matrix(times) * root[:, None]
         orthogonal, self.triangle = scipy.linalg.qr(
             design, mode="economic", check_finite=False
         )

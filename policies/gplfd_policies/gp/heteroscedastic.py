@@ -7,7 +7,7 @@ biased by ψ(k/2) − log(k/2) (``test_log_of_an_empirical_variance_is_biased``)
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import scipy
@@ -149,7 +149,7 @@ class MapNoise(Quantities):
         # The mode of z − level = features @ position, with position ~ N(0, I).
         vague = _OFFSET_VARIANCE * np.outer(basis.root_weights, basis.root_weights)
         root = square_root(basis.kernel_matrix(kernel) + vague)
-        features = basis.shared_matrix(times) @ root
+        features = basis.matrix(times) @ root
 
         def cost(position: np.ndarray) -> tuple[float, np.ndarray]:
             deviation = features @ position
@@ -281,6 +281,16 @@ class OutputMoments:
     noise_rate: Moment
 
 
+class _Spectral(NamedTuple):
+    """Posteriors of all outputs in one basis, and their curves in a finer one."""
+
+    coarse: LegendreBasis
+    posteriors: list[Posterior]
+    fine: LegendreBasis
+    curves: Float[np.ndarray, "Q C"]
+    """Mean, logarithm of the noise, variance, and the slopes of the three."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MultiOutputGP:
     """Independent heteroscedastic processes on the same demonstrations."""
@@ -323,46 +333,39 @@ class MultiOutputGP:
         return min(output.kernel.length_scale for output in self.outputs)
 
     @cached_property
-    def _spectral(self) -> tuple[LegendreBasis, list[Posterior]] | None:
-        """The common basis and the posteriors in it; None for too short a scale."""
+    def _spectral(self) -> _Spectral | None:
+        """All outputs in common bases; None for too short a length-scale."""
         times = self.outputs[0].replicates.times
-        basis = LegendreBasis.for_length_scale(
+        coarse = LegendreBasis.for_length_scale(
             float(times[0]), float(times[-1]), self.shortest_length_scale
         )
-        if basis is None:
+        if coarse is None:
             return None
-        return basis, [
+        posteriors = [
             output.replicates.condition_in(
-                basis, output.kernel, output.noise.variance(times)
+                coarse, output.kernel, output.noise.variance(times)
             )
             for output in self.outputs
         ]
-
-    @cached_property
-    def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
-        """The basis, and all curves of all outputs and their slopes in it, or None."""
-        if self._spectral is None:
-            return None
-        coarse, posteriors = self._spectral
         # A variance is a square: twice the degree of the posterior it comes from.
         start, stop, size = coarse.start, coarse.stop, 2 * coarse.size
-        basis = LegendreBasis(start=start, stop=stop, size=size)
-        nodes = basis.nodes
+        fine = LegendreBasis(start=start, stop=stop, size=size)
+        nodes = fine.nodes
         matrix = coarse.matrix(nodes)
         curves = (
             [matrix @ weights for weights, _ in posteriors]
             + [output.noise.log_variance(nodes) for output in self.outputs]
             + [np.sum((matrix @ factor) ** 2, axis=1) for _, factor in posteriors]
         )
-        coefficients = basis.root_weights[:, None] * np.stack(curves, axis=1)
-        slopes = basis.differentiate(coefficients)
-        return basis, np.concatenate([coefficients, slopes], axis=1)
+        values = fine.root_weights[:, None] * np.stack(curves, axis=1)
+        both = np.concatenate([values, fine.differentiate(values)], axis=1)
+        return _Spectral(coarse, posteriors, fine, both)
 
     def moments(self, times: Times) -> OutputMoments:
         """Means, variances and their rates; inside the demonstrations in O(M)."""
-        if self._tables is not None and self._tables[0].covers(times):
-            basis, block = self._tables
-            parts = np.split(basis.matrix(times) @ block, 6, axis=1)
+        spectral = self._spectral
+        if spectral is not None and spectral.fine.covers(times):
+            parts = np.split(spectral.fine.matrix(times) @ spectral.curves, 6, axis=1)
             mean, log_noise, latent, mean_rate, log_noise_rate, latent_rate = parts
             noise, latent = np.exp(log_noise), np.maximum(latent, 0.0)
             noise_rate = noise * log_noise_rate
@@ -390,12 +393,12 @@ class MultiOutputGP:
 
     def latent_covariance(self, times: Times) -> Float[np.ndarray, "d M M"]:
         """Covariance of f over time, per output, Eq. (11) without R."""
-        if self._spectral is None or not self._spectral[0].covers(times):
+        spectral = self._spectral
+        if spectral is None or not spectral.coarse.covers(times):
             unscaled = [output.latent.covariance(times) for output in self.outputs]
         else:
-            basis, posteriors = self._spectral
-            matrix = basis.matrix(times)
-            halves = [matrix @ factor for _, factor in posteriors]
+            matrix = spectral.coarse.matrix(times)
+            halves = [matrix @ factor for _, factor in spectral.posteriors]
             unscaled = [half @ half.T for half in halves]
         scale = np.array([output.scale for output in self.outputs])
         return np.asarray(scale[:, None, None] ** 2 * np.stack(unscaled))

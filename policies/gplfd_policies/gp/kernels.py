@@ -45,11 +45,6 @@ class RBF:
             if not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be positive and finite, got {value}.")
 
-    @property
-    def variance(self) -> float:
-        """k(t, t) = σ_f²."""
-        return self.signal_std**2
-
     def __call__(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "A B"]:
@@ -58,7 +53,7 @@ class RBF:
         distance *= distance
         distance *= -0.5 / self.length_scale**2
         np.exp(distance, out=distance)
-        distance *= self.variance
+        distance *= self.signal_std**2
         return np.asarray(distance)
 
     def features(
@@ -174,10 +169,6 @@ class LegendreBasis:
         row /= np.add.reduce(row) * roots
         return row
 
-    def shared_matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
-        """`matrix`, cached and read-only: all outputs share their times."""
-        return _remembered_matrix(self, times.tobytes())
-
     def differentiate(
         self, coefficients: Float[np.ndarray, "Q ..."]
     ) -> Float[np.ndarray, "Q ..."]:
@@ -191,13 +182,5 @@ class LegendreBasis:
 
     def kernel_matrix(self, kernel: RBF) -> Float[np.ndarray, "Q Q"]:
         """√w_i k(x_i, x_j) √w_j: the kernel in this basis."""
-        return self.weigh(kernel(self.nodes, self.nodes))
-
-    def weigh(self, values: Float[np.ndarray, "*B Q Q"]) -> Float[np.ndarray, "*B Q Q"]:
-        """Convert covariances between nodes to coefficients of this basis."""
-        return np.asarray(self.root_weights[:, None] * values * self.root_weights)
-
-
-@lru_cache(maxsize=4)
-def _remembered_matrix(basis: LegendreBasis, times: bytes) -> Float[np.ndarray, "M Q"]:
-    return read_only(basis.matrix(np.frombuffer(times)))
+        nodes, roots = self.nodes, self.root_weights
+        return np.asarray(roots[:, None] * kernel(nodes, nodes) * roots)
