@@ -32,7 +32,7 @@ AT_REST = np.zeros(6)
 def agent_of(skill, form=ProcessAdaptation, **config):
     return CompliantAgent(
         movement=GriddedMovement(skill, form, 100),
-        phases=PathPhase(skill, skill.aligned),
+        phases=PathPhase(skill),
         config=ComplianceConfig(load=CarriedLoad(limit=20.0), **config),
     )
 

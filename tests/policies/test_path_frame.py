@@ -1,5 +1,7 @@
 """Stiffness in the frame of the path: frame, law, governor, admittance, contact."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -20,7 +22,6 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
     directional_std,
     path_frame,
-    spread_profile,
 )
 
 # Of these d = max(2√(mk), 30) is constant below 225 N/m, and no monotone function of
@@ -31,7 +32,8 @@ SETTINGS = [
     (DEFAULT_PROFILE, DEFAULT_DYNAMICS),
     (PAPER_PROFILE, KINKED),
 ]
-UNEVEN = spread_profile(np.array([9, 2, 7, 4, 5, 6.0]) ** 2 * 1e-3, np.full(6, 1e-3))
+WIDTHS = np.array([9.0, 2.0, 7.0, 4.0, 5.0, 6.0]) * 1e-3
+UNEVEN = replace(DEFAULT_PROFILE, alpha=6.0 / WIDTHS, beta=WIDTHS)
 
 
 @st.composite

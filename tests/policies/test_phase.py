@@ -26,7 +26,7 @@ def arc(radius, angles):
 
 def follow(skill, poses, config=None, rule=None, start=NOWHERE):
     """Phases, standard deviations and misfits along a path, each from the last."""
-    rule = rule or PathPhase(skill, skill.aligned, config or PathPhaseConfig())
+    rule = rule or PathPhase(skill, config or PathPhaseConfig())
     phases, previous = [], start
     for pose in poses:
         seen = rule.update(pose, previous, NOWHERE)
@@ -36,7 +36,7 @@ def follow(skill, poses, config=None, rule=None, start=NOWHERE):
 
 
 def estimate(skill, pose, previous=NOWHERE, **config):
-    rule = PathPhase(skill, skill.aligned, PathPhaseConfig(**config))
+    rule = PathPhase(skill, PathPhaseConfig(**config))
     return rule.update(pose, np.float64(previous), NOWHERE)
 
 
@@ -58,7 +58,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     """On doors of any demonstrated radius, with the errors that the rule expects."""
     rng, config = np.random.default_rng(0), PathPhaseConfig()
     errors = np.repeat([config.position_noise, config.rotation_noise], 3)
-    rule = PathPhase(skill, skill.aligned, PathPhaseConfig(window=(1.0, 1.0)))
+    rule = PathPhase(skill, PathPhaseConfig(window=(1.0, 1.0)))
     angle, estimates = 0.4, []
     for _ in range(300):
         pose = arc(rng.uniform(0.35, 0.65), [angle])
@@ -152,7 +152,7 @@ def nearest_by_hand(skill, pose, previous):
 
 @pytest.mark.parametrize("previous", [0.0, 0.0123, 0.3071, 0.7513, 0.9987, 1.0])
 def test_search_is_the_one_that_is_defined(skill, previous):
-    estimator = PathPhase(skill, skill.aligned, TRUSTING)
+    estimator = PathPhase(skill, TRUSTING)
     rng = np.random.default_rng(0)
     for _ in range(20):
         estimator.reset()
@@ -165,7 +165,7 @@ def test_search_is_the_one_that_is_defined(skill, previous):
 
 
 def test_rate_is_the_derivative_of_the_mean(skill):
-    estimator, step = PathPhase(skill, skill.aligned), 1e-5
+    estimator, step = PathPhase(skill), 1e-5
     around = skill.predict(np.array([0.5 - step, 0.5 + step])).mean
     numerical = (around[1] - around[0]) / (2 * step)
     assert_allclose(estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6)

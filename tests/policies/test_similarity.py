@@ -195,7 +195,7 @@ def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
     aligned = repeated(along_a_line(), seed, sizes)
     model = SimilarityModel.of(aligned)
     assert not model.log_sizes.any()
-    rule = PathPhase(EmpiricalDistribution(aligned=aligned), aligned)
+    rule = PathPhase(EmpiricalDistribution(aligned=aligned))
     distances = np.linspace(0.03, 0.6, 150)
     phases, phase = [], np.float64(0.0)
     for distance in distances:

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
     HELD_HAND,
     PAPER_PROFILE,
     VirtualDynamics,
-    spread_profile,
 )
+from gplfd_policies.registry.method import profile_of_spread
 
 PROFILES = [PAPER_PROFILE, DEFAULT_PROFILE]
 
@@ -67,9 +68,8 @@ def test_damping_keeps_its_ratio_and_is_never_less_than_the_least(stiffness):
     least = np.array([0.0, 60.0, 60.0, 0.0, 3.0, 3.0])
     dynamics = VirtualDynamics(mass=np.ones(6), damping_ratio=0.7, least_damping=least)
     critical = 2.0 * 0.7 * np.sqrt(stiffness)
-    assert_allclose(
-        dynamics.damping(np.full(6, stiffness)), np.maximum(critical, least)
-    )
+    damping = dynamics.damping(np.full(6, stiffness))
+    assert_allclose(damping, np.maximum(critical, least))
 
 
 def test_default_dynamics_are_damped_for_a_held_hand():
@@ -84,9 +84,10 @@ def test_default_dynamics_are_damped_for_a_held_hand():
 
 def test_the_middle_is_between_an_observation_and_the_spread():
     """And a task that spreads by less than can be observed is as sure as can be."""
-    resolution = np.repeat([1e-3, 0.03], 3)
     spread = np.array([0.09, 0.004, 0.0, 0.12, 0.03, 0.001])
-    law = spread_profile(spread, resolution)
+    poses = np.array([[-spread, -spread], [spread, spread]]) / np.sqrt(2.0)
+    aligned = AlignedDemonstrations(times=np.array([0.0, 1.0]), poses=poses)
+    law = profile_of_spread(aligned, (1e-3, 0.03))
     expected = [9.4868e-3, 2e-3, 1e-3, 0.06, 0.03, 0.03]
     assert_allclose(law.beta, expected, rtol=1e-4)
     assert_allclose(law.alpha * law.beta, 6.0)

@@ -19,7 +19,13 @@ from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Frames, Vectors
-from gplfd_policies.control.load import ContactState, ForceForecast, LearnedLoad, Load
+from gplfd_policies.control.load import (
+    ContactState,
+    ForceForecast,
+    LearnedLoad,
+    Load,
+    LoadResponse,
+)
 from gplfd_policies.control.rendering import ArmRendering, VirtualRendering
 from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
@@ -123,14 +129,15 @@ class ComplianceConfig:
 
 
 class _SetPoint(NamedTuple):
-    """Where some hands are commanded to go in this control step."""
+    """Where some hands are commanded to go in this control step, and how stiffly."""
 
     phase: PerRow
     desired: Axes  # poses at these phases [m, rad]
     velocity: Vectors  # of the poses [m/s]
-    chord: Vectors  # of the path ahead [m]
-    std: Axes  # σ of the movements at these phases [m, rad]
-    level: PerRow  # covariance of x and z there [m²]
+    std: Axes  # σ that sets the stiffness, along the frame, and its rate
+    std_rate: Axes
+    frame: Frames | None
+    governed: GovernedStiffness
 
 
 class ComplianceController:
@@ -211,9 +218,8 @@ class ComplianceController:
             displacement=self._renderer.displaced(poses[..., :3], rows),
         )
         response = self._load.update(contact, rows)
-        target = self._advance(phase, command_phase, response.pace, rows)
-        lag = response.path_lag
-        std, std_rate, frame, governed = self._stiffen(target, lag, direction, rows)
+        target = self._advance(phase, command_phase, response, direction, rows)
+        frame, governed = target.frame, target.governed
         action, margin = self._renderer.command(
             target.desired,
             target.velocity,
@@ -234,14 +240,14 @@ class ComplianceController:
             action=action,
             desired=target.desired,
             frame=directions,
-            std=std,
-            std_rate=std_rate,
+            std=target.std,
+            std_rate=target.std_rate,
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
             contact_margin=margin,
             compensated_load=response.compensated_load,
-            path_lag=lag,
+            path_lag=response.path_lag,
             phase=target.phase,
             observed_phase=phase,
             phase_misfit=estimate.misfit,
@@ -304,12 +310,17 @@ class ComplianceController:
         return poses
 
     def _advance(
-        self, observed_phase: PerRow, command_phase: PerRow, pace: PerRow, rows: Rows
+        self,
+        observed_phase: PerRow,
+        command_phase: PerRow,
+        response: LoadResponse,
+        direction: Vectors,
+        rows: Rows,
     ) -> _SetPoint:
-        """Move the set-point to the mean at the command phase one period later."""
+        """Move the set-point one period on, and follow σ and stiffness, Eq. (24)."""
         config, movements = self._config, self._movements
         period = config.control_period
-        step = pace * period / movements.durations[rows]
+        step = response.pace * period / movements.durations[rows]
         phase = np.minimum(np.maximum(command_phase + step, 0.0), 1.0)
         phase_rate = (phase - command_phase) / period
         self._command_phase[rows] = phase
@@ -318,30 +329,23 @@ class ComplianceController:
         phases = np.array([phase, end - LOOK_AHEAD, end, turn_phase])
         moments = movements.at(phases, rows)
         chord = moments[2, ..., :3] - moments[1, ..., :3]
-        desired = moments[0, ..., :6]
+        desired, std = moments[0, ..., :6], moments[0, ..., 6:12]
         desired[..., 3:] = moments[3, ..., 3:6]
         remaining = config.settling_time / (period + config.settling_time)
         offset = self._offset[rows] = remaining * self._offset[rows]
+        desired = movements.geared(desired + offset, 1, rows)
         velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
-        poses = movements.geared(desired + offset, 1, rows)
-        std, level = moments[0, ..., 6:12], moments[0, ..., 12]
-        return _SetPoint(phase, poses, velocity, chord, std, level)
 
-    def _stiffen(
-        self, target: _SetPoint, path_lag: PerRow, direction: Vectors, rows: Rows
-    ) -> tuple[Axes, Axes, Frames | None, GovernedStiffness]:
-        """Return σ with the lag, its rate, its frame, and the stiffness, Eq. (24)."""
-        config, std, period = self._config, target.std, self._config.control_period
-        lag = np.asarray(path_lag)[..., None] * direction
+        lag = np.asarray(response.path_lag)[..., None] * direction
         frame, learned = None, config.phase_stiffness
         if config.stiffness_frame == "path":
-            tangent = target.chord + _HELD * self._tangent[rows]
+            tangent = chord + _HELD * self._tangent[rows]
             square = np.add.reduce(tangent * tangent, axis=-1, keepdims=True)
             tangent = self._tangent[rows] = tangent / np.sqrt(square)
             if learned is not None:
-                tangent = learned.direction_at(target.phase, tangent)
+                tangent = learned.direction_at(phase, tangent)
             frame = path_frame(tangent)
-            std = directional_std(frame, std, target.level)
+            std = directional_std(frame, std, moments[0, ..., 12])
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         # Every via-point reduces σ at once, and then it grows again. A fall, which
         # stiffens, is followed more slowly than a rise, which softens.
@@ -355,6 +359,7 @@ class ComplianceController:
         self._std[rows] = std
         wished = config.profile.stiffness(std, frame, rows)
         if learned is not None:
-            wished = learned.combined(wished, target.phase)
+            wished = learned.combined(wished, phase)
         governed = self._governor.step(wished, period, rows, frame)
-        return std, (std - previous) / period, frame, governed
+        std_rate = (std - previous) / period
+        return _SetPoint(phase, desired, velocity, std, std_rate, frame, governed)

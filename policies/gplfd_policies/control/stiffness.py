@@ -5,7 +5,7 @@ keeps a rigidly held hand stable, whose servo closes a loop around the dynamics.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -260,21 +260,6 @@ def _check_axes(record: object, **shapes: tuple[int, ...]) -> None:
                 f"{name} must be six finite numbers, x y z and rotations about "
                 f"them{where}, got {array!r}"
             )
-
-
-_STEEPNESS = 6.0
-"""αβ of the published values: at σ = 0 the stiffness is within 0.25 % of k_max."""
-
-
-def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
-    """Return Eq. (24) for a task whose demonstrations have a given spread [m, rad].
-
-    β is the geometric mean of two values: the demonstrations' spread, which is σ before
-    the policy has observed the task, and the resolution of an observation, which is the
-    least σ. The shape over σ/β and the stiffnesses are the published ones.
-    """
-    beta = np.sqrt(resolution * np.maximum(spread, resolution))
-    return replace(DEFAULT_PROFILE, alpha=_STEEPNESS / beta, beta=beta)
 
 
 PAPER_PROFILE = StiffnessProfile(

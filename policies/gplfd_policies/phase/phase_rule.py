@@ -20,7 +20,6 @@ from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
@@ -31,7 +30,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     updated,
 )
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
-from gplfd_policies.movements.movement import Predictor
+from gplfd_policies.movements.movement import Movement
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
 _POINTS: Final = _GRID.tolist()
@@ -184,19 +183,16 @@ class PathPhase:
     """
 
     def __init__(
-        self,
-        demonstrated: Predictor,
-        aligned: AlignedDemonstrations,
-        config: PathPhaseConfig = PathPhaseConfig(),
+        self, movement: Movement, config: PathPhaseConfig = PathPhaseConfig()
     ) -> None:
-        prediction = demonstrated.predict(_GRID)
+        prediction, aligned = movement.predict(_GRID), movement.aligned
         if not (
             np.isfinite(prediction.mean).all() and np.isfinite(prediction.std).all()
         ):
             raise ValueError(
                 f"PathPhase needs a finite mean and spread, but "
-                f"{type(demonstrated).__name__} predicts NaN or infinity; give it "
-                "EmpiricalDistribution(aligned) instead"
+                f"{type(movement).__name__} predicts NaN or infinity; give it "
+                "EmpiricalDistribution(aligned=...) instead"
             )
         handle, means = turned_handle(aligned), prediction.mean
         if handle is not None:

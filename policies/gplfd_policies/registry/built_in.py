@@ -69,7 +69,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.phase.phase_rule import PathPhaseConfig
+from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig
 from gplfd_policies.registry.method import (
     Learner,
     Method,
@@ -77,7 +77,6 @@ from gplfd_policies.registry.method import (
     Policy,
     TrainingInput,
     demonstrated_phase,
-    path_phase,
     profile_of_spread,
 )
 
@@ -222,7 +221,7 @@ PARTS: Final[Mapping[str, Part]] = MappingProxyType(
         "no-adaptation": Part("follows what was learned", {"adapts": False}),
         "one-size": Part(
             "takes every path to be of the demonstrations' mean size",
-            {"phases": partial(path_phase, config=ONE_SIZE)},
+            {"phases": partial(PathPhase, config=ONE_SIZE)},
         ),
         "no-rotation": Part(
             "learns positions only (constant orientation)", {"align": _positions_alone}

@@ -23,7 +23,6 @@ from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     PhaseStiffness,
     StiffnessProfile,
-    spread_profile,
 )
 from gplfd_policies.demonstrations.aligned import (
     AlignedDemonstrations,
@@ -49,11 +48,12 @@ from gplfd_policies.movements.skill import Skill
 from gplfd_policies.phase.phase_rule import (
     ClockPhase,
     PathPhase,
-    PathPhaseConfig,
     PhaseRule,
 )
 
 _GRID: Final = 100  # number of grid phases of an agent's movement
+_STEEPNESS: Final = 6.0
+"""αβ of the published values: at σ = 0 the stiffness is within 0.25 % of k_max."""
 _START_TOLERANCE: Final = (0.05, 0.2)
 """Greatest distance of a demonstration's start from the closed handle [m, rad]."""
 _LARGEST_REACH: Final = 3.0
@@ -81,15 +81,9 @@ class TrainingInput:
         return replace(self, demonstrations=chosen)
 
 
-def path_phase(movement: Movement, config: PathPhaseConfig | None = None) -> PhaseRule:
-    """Return a rule that estimates phases by the movement's mean and spread."""
-    return PathPhase(movement, movement.aligned, config or PathPhaseConfig())
-
-
 def demonstrated_phase(movement: Movement) -> PhaseRule:
-    """Return a rule that uses the demonstrations' mean and spread instead."""
-    demonstrated = EmpiricalDistribution(aligned=movement.aligned)
-    return PathPhase(demonstrated, movement.aligned, PathPhaseConfig())
+    """Return a rule that uses the demonstrations' mean and spread."""
+    return PathPhase(EmpiricalDistribution(aligned=movement.aligned))
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
@@ -100,16 +94,21 @@ def clock_phase(movement: Movement) -> PhaseRule:
 def profile_of_spread(
     aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-4, 3e-2)
 ) -> StiffnessProfile:
-    """Scale the stiffness profile by the demonstrations' root mean square spread.
+    """Scale the stiffness profile, Eq. (24), by the demonstrations' spread.
 
-    ``resolution`` is the residual pose uncertainty after a long observation [m, rad].
-    The default is that of `gp`; for another, use ``functools.partial``.
+    β is the geometric mean of two values: the root mean square spread, which is σ
+    before the policy has observed the task, and the residual pose uncertainty after a
+    long observation, ``resolution`` [m, rad], which is the least σ. The shape over σ/β
+    and the stiffnesses are the published ones. The default resolution is that of `gp`;
+    for another, use ``functools.partial``.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:
         return DEFAULT_PROFILE
+    least = np.repeat(resolution, 3)
     spread = np.sqrt(poses.var(axis=0, ddof=1).mean(axis=0))
-    return spread_profile(spread, np.repeat(resolution, 3))
+    beta = np.sqrt(least * np.maximum(spread, least))
+    return replace(DEFAULT_PROFILE, alpha=_STEEPNESS / beta, beta=beta)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -150,8 +149,9 @@ class Pipeline:
     size_inference: AdaptationForm | None = SimilarityAdaptation
     """Form of adaptation that infers size and heading of the door's path from poses;
     None for the learner's own form."""
-    phases: Callable[[Movement], PhaseRule] = path_phase
-    """Makes the rule by which an agent estimates the phase of the hand."""
+    phases: Callable[[Movement], PhaseRule] = PathPhase
+    """Makes the rule by which an agent estimates the phase of the hand; by default from
+    the movement's mean and spread."""
     profile: StiffnessProfile | Callable[[AlignedDemonstrations], StiffnessProfile] = (
         profile_of_spread
     )
