@@ -102,9 +102,8 @@ def rests_at_both_ends(time):
 @pytest.mark.parametrize(("n", "noise"), [(200, 2e-3), (1000, 1e-3), (5000, 2e-3)])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_phase_error_with_noise_stays_below(clock, limit, n, noise):
-    denoised, raw = completion_errors(
-        demonstration(clock, n=n, noise=noise, seed=3), clock
-    )
+    recorded = demonstration(clock, n=n, noise=noise, seed=3)
+    denoised, raw = completion_errors(recorded, clock)
     assert denoised < limit
     assert raw > 5 * denoised
 
@@ -138,18 +137,15 @@ def test_denoising_costs_clean_demonstrations_little(n, clock, cost):
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_noise_in_rests_is_not_progress():
-    completion = task_completion_index(
-        demonstration(rests_at_both_ends, n=1000, noise=1e-3)
-    )
+    recorded = demonstration(rests_at_both_ends, n=1000, noise=1e-3)
+    completion = task_completion_index(recorded)
     assert completion[350] < 0.02
     assert completion[650] > 0.98
 
 
 def test_noisy_path_warns_with_ratio_and_remedy():
     noisy = demonstration(n=1000, noise=1e-3)
-    with pytest.warns(
-        UserWarning, match=r"1 of 1 .*\(up to \d\.\d\d times\).*denoised"
-    ):
+    with pytest.warns(UserWarning, match=r"1 of 1 .*up to \d\.\d\d times.*denoised"):
         task_completion_index(noisy)
     with pytest.warns(UserWarning, match=r"raw path.*pass denoise=True"):
         task_completion_index(noisy, denoise=False)

@@ -11,7 +11,7 @@ from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, fit_skill
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
 from gplfd_policies.adaptation.process import ProcessAdaptation
-from gplfd_policies.demonstrations.aligned import carried_on, continued, drift
+from gplfd_policies.demonstrations.aligned import carried_on, continued
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.prior_mean import ResidualMovement
 
@@ -86,15 +86,16 @@ def test_the_demonstrated_part_stays_what_it_was():
 
 
 def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
-    assert drift(aligned(arc(0.4, 0.9), arc(0.6, 0.9))).max() < 5e-3
+    arcs = continued(aligned(arc(0.4, 0.9), arc(0.6, 0.9)), 0.5)
+    assert (arcs.drift * arcs.end).max() < 5e-3
     # A straight line that is bent at the end goes elsewhere than it was going.
     bent = drawer()
     bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
-    error = drift(aligned(bent))
-    assert error[2] > 0.05
     # A continued task has it per phase of its own.
-    longer = continued(aligned(bent), 0.5)
-    assert_allclose(longer.drift * longer.end, error)
+    longer, longest = (continued(aligned(bent), beyond) for beyond in (0.5, 1.0))
+    error = longer.drift * longer.end
+    assert error[2] > 0.05
+    assert_allclose(longest.drift * longest.end, error)
 
 
 def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):

@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.records import owned
+from gplfd_policies.arrays.records import own_arrays
 
 _LISTED: Final = 30  # Largest number of names in a message.
 ROW: Final = 10
@@ -49,13 +49,13 @@ class RawRecording:
                 f"{self.name} has {rows} samples; a motion needs at least two"
             )
         for name, width in _WIDTHS.items():
-            if (array := getattr(self, name)) is not None:
-                if array.shape != (rows, *width):
-                    raise ValueError(
-                        f"{self.name}: {name} must have shape {(rows, *width)}, got "
-                        f"{array.shape}"
-                    )
-                object.__setattr__(self, name, owned(array))
+            array = getattr(self, name)
+            if array is not None and array.shape != (rows, *width):
+                raise ValueError(
+                    f"{self.name}: {name} must have shape {(rows, *width)}, got "
+                    f"{array.shape}"
+                )
+        own_arrays(self, *_WIDTHS)
 
     def part(self, rows: Any) -> "RawRecording":
         """Return the recording of some samples, as NumPy indexes."""

@@ -9,26 +9,24 @@ import numpy as np
 from gplfd_policies.arrays.shapes import Float, Int
 
 
-def owned(array: np.ndarray) -> np.ndarray:
-    """Return a float64 copy in C order, so that stored files are equal."""
-    return np.array(array, dtype=np.float64, order="C")
-
-
 def read_only(array: np.ndarray) -> np.ndarray:
     """Return a read-only copy, for settings that several policies share."""
-    copy = owned(array)
+    copy = np.array(array, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def own_arrays(record: object, *names: str) -> None:
-    """Replace arrays of a frozen dataclass by float64 copies of its own.
+    """Replace arrays of a frozen dataclass by float64 copies of its own; None stays.
 
-    Users receive these arrays. They can be written, because SciPy refuses read-only
-    arrays and PyTorch warns of them; copy before you change one.
+    They are in C order, so that stored files are equal. They can be written, because
+    SciPy refuses read-only arrays and PyTorch warns of them; copy before you change
+    one.
     """
     for name in names:
-        object.__setattr__(record, name, owned(getattr(record, name)))
+        if (array := getattr(record, name)) is not None:
+            array = np.array(array, dtype=np.float64, order="C")
+            object.__setattr__(record, name, array)
 
 
 class _Shapes(reprlib.Repr):

@@ -101,9 +101,7 @@ class AlignedDemonstrations:
         )
 
     def __post_init__(self) -> None:
-        for name in ("times", "poses", "drift", "clocks", "wrenches"):
-            if getattr(self, name) is not None:
-                own_arrays(self, name)
+        own_arrays(self, "times", "poses", "drift", "clocks", "wrenches")
         times, poses, clocks = self.times, self.poses, self.clocks
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
@@ -148,7 +146,7 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
     """Continue demonstrations on phases 0 to 1 by a share of each path's length.
 
     The result has the same number of samples. Its `end` is the phase at which the
-    demonstrations end, and `drift` the error of the continuation.
+    demonstrations end, and `drift` the root mean square error of the continuation.
     """
     if not 0.0 <= beyond < np.inf:
         raise ValueError(f"beyond must be finite and >= 0, got {beyond}")
@@ -175,6 +173,15 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
     if wrenches is not None:
         felt = [interpolated(elapsed, aligned.times, wrench) for wrench in wrenches]
         wrenches = np.stack(felt)
+    # The error per added length, where the rest of a path is known.
+    errors = []
+    for poses in aligned.poses:
+        way = _way(poses)
+        for cut in _CUTS:
+            rest = (1.0 - cut) * _AHEAD
+            missed = carried_on(poses, rest, cut) - interpolated(cut + rest, way, poses)
+            # Relative to the shorter path, the only one that is known at the cut.
+            errors.append(missed / (rest[:, None] / cut))
     return replace(
         aligned,
         times=phases,
@@ -183,23 +190,8 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
         duration=aligned.duration * length,
         clocks=clocks,
         end=1.0 / length,
-        drift=length * drift(aligned),
+        drift=length * np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)),
     )
-
-
-def drift(aligned: AlignedDemonstrations) -> Pose:
-    """Return the root mean square error of continuations per added length [m, rad]."""
-    errors = []
-    for poses in aligned.poses:
-        way = _way(poses)
-        for cut in _CUTS:
-            rest = (1.0 - cut) * _AHEAD
-            guess = carried_on(poses, rest, cut)
-            # Relative to the shorter path, the only one that is known at the cut.
-            errors.append(
-                (guess - interpolated(cut + rest, way, poses)) / (rest[:, None] / cut)
-            )
-    return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
 
 
 def carried_on(

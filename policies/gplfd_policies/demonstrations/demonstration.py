@@ -41,7 +41,7 @@ class Demonstration:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        own_arrays(self, "times", "poses")
+        own_arrays(self, "times", "poses", "wrenches")
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.shape != (*times.shape, 6):
             raise ValueError(
@@ -80,14 +80,13 @@ class Demonstration:
                 "the demonstration never moves: all poses are equal; check the "
                 "recording and its units (metres, radians)"
             )
-        if self.wrenches is None:
-            return
-        own_arrays(self, "wrenches")
-        shape = np.shape(self.wrenches)
-        if shape != poses.shape or not np.isfinite(self.wrenches).all():
+        felt = self.wrenches
+        if felt is not None and not (
+            felt.shape == poses.shape and np.isfinite(felt).all()
+        ):
             raise ValueError(
                 "wrenches must be finite and of shape (N, 6), force [N] and moment "
-                f"[N m], one row per pose; got {shape} for {len(poses)} poses"
+                f"[N m], one row per pose; got {felt.shape} for {len(poses)} poses"
             )
 
     @classmethod
@@ -209,10 +208,10 @@ class Correction:
                 f"by must be one of {get_args(Who)} and phase within [0, 1], got "
                 f"{self.by!r} and {self.phase}"
             )
-        if self.inputs is not None:
-            own_arrays(self, "inputs")
-            if self.inputs.ndim != 2 or len(self.inputs) != len(led):
-                raise ValueError(f"inputs need {len(led)} rows: {self.inputs.shape}")
+        own_arrays(self, "inputs")
+        inputs = self.inputs
+        if inputs is not None and (inputs.ndim != 2 or len(inputs) != len(led)):
+            raise ValueError(f"inputs need {len(led)} rows: {inputs.shape}")
 
     @property
     def seconds(self) -> float:

@@ -22,7 +22,6 @@ from gplfd_policies.arrays.records import (
     FINEST,
     interpolated,
     own_arrays,
-    owned,
     short_repr,
 )
 from gplfd_policies.arrays.shapes import Bool, Covariances, Float, Outputs, Pose, Times
@@ -120,7 +119,7 @@ class GaussianTrajectory:
     @cached_property
     def covariance(self) -> Covariances:
         """Covariance over time of every output; computed on first use."""
-        return owned(self.covariance_function())
+        return np.array(self.covariance_function(), dtype=np.float64, order="C")
 
     def __getitem__(self, rows: slice | np.ndarray) -> "GaussianTrajectory":
         """Return the same distribution at some of its times."""
@@ -251,7 +250,7 @@ class ViaPoint:
             raise ValueError(
                 f"The phase of a via-point must be a finite number, got {self.phase!r}."
             )
-        pose = owned(self.pose)
+        pose = np.array(self.pose, dtype=np.float64)
         if pose.shape != (6,) or np.isinf(pose).any():
             raise ValueError(
                 "A via-point pose has six finite entries (x, y, z, θu_x, θu_y, θu_z), "
@@ -286,7 +285,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
         raise ValueError(
             f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
         )
-    return owned(np.broadcast_to(numbers, (6,)))
+    return np.array(np.broadcast_to(numbers, (6,)), dtype=np.float64)
 
 
 @runtime_checkable
