@@ -145,9 +145,9 @@ def test_the_mean_passes_a_via_point_with_the_demanded_rate(primitive):
 
 
 def test_updates_equal_smoothing_the_whole_reference(primitive):
-    points = [shifted(primitive, 0.0312 * k, 0.5, 2e-3) for k in range(1, 30)]
-    points += [shifted(primitive, 0.7013, std, 0.0) for std in (1.0, 1.0, -1.0)]
-    adapted = primitive.adapt(points, [RATE * primitive.standardisation.scale] * 5)
+    points = [shifted(primitive, 0.7013, std, 0.0) for std in (1.0, 1.0, -1.0)]
+    points += [shifted(primitive, 0.0312 * k, 0.5, 2e-3) for k in range(1, 30)]
+    adapted = primitive.adapt(points, [RATE * primitive.standardisation.scale] * 9)
     updated = adapted.reference
     entries = updated.phases, updated.means, updated.precisions
     pairs = updated.moments(GRID), Reference(updated.config, *entries).moments(GRID)
