@@ -71,6 +71,15 @@ class RBF:
         sign = np.where(powers % 2, np.sign(scaled), 1.0)
         return np.asarray(self.signal_std * sign * np.exp(logarithm))
 
+    def feature_rates(
+        self, times: Float[np.ndarray, " A"], centre: float, terms: int
+    ) -> Float[np.ndarray, "A terms"]:
+        """φ', so that ∂k/∂a = φ'(a) φ(b)ᵀ and ∂²k/∂a∂b = φ'(a) φ'(b)ᵀ."""
+        features = self.features(times, centre, terms)
+        rates = (centre - times)[:, None] / self.length_scale * features
+        rates[:, 1:] += np.sqrt(np.arange(1.0, terms)) * features[:, :-1]
+        return np.asarray(rates / self.length_scale)
+
     def time_derivative(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "A B"]:

@@ -1,4 +1,4 @@
-"""Protocol 1.0: trials, policies, and rules for contrasts.
+"""Protocol 1.1: trials, policies, and rules for contrasts.
 
 The trials are in ``protocol.toml``. A change of a door, a draw, a measure or a policy
 that takes part makes another version; docs/protocol.md has criteria and statistics.
@@ -99,7 +99,7 @@ class Track:
     policies: Sequence[str]
 
 
-VERSION: Final = "1.0"
+VERSION: Final = "1.1"
 """Of the protocol."""
 
 SEEDS: Final = 20

@@ -91,24 +91,25 @@ class Standardisation:
 class GaussianMixtureRegression(MomentMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
 
-    The mixture holds phase and standardised pose, in this order. Samples count as
+    The mixture holds phase and standardised pose, in this order; in that of a
+    kernelised primitive the rate of the pose follows. Samples count as
     independent given their phase, so the covariance over time is diagonal. Outside the
     demonstrated range one component continues along its straight line.
     """
 
     standardisation: Standardisation
     weights: Float[np.ndarray, " C"]
-    means: Float[np.ndarray, "C 7"]
-    covariances: Float[np.ndarray, "C 7 7"]
+    means: Float[np.ndarray, "C V"]
+    covariances: Float[np.ndarray, "C V V"]
     """π_l, μ_l and Σ_l of C components."""
 
     @cached_property
-    def slopes(self) -> Float[np.ndarray, "C 6"]:
+    def slopes(self) -> Float[np.ndarray, "C D"]:
         """Σ_l^{yt} / Σ_l^{tt}: rate of every component's mean, standardised."""
         return np.asarray(self.covariances[:, 1:, 0] / self.covariances[:, :1, 0])
 
     @cached_property
-    def conditional_covariances(self) -> Float[np.ndarray, "C 6 6"]:
+    def conditional_covariances(self) -> Float[np.ndarray, "C D D"]:
         """Σ̂_l, Eq. (3): covariance of a component given the phase, standardised."""
         across = self.covariances[:, 0, 1:]
         explained = self.slopes[:, :, None] * across[:, None, :]
@@ -123,7 +124,7 @@ class GaussianMixtureRegression(MomentMovement):
 
     def standardised_moments(
         self, times: Times
-    ) -> tuple[Outputs, Float[np.ndarray, "M 6 6"]]:
+    ) -> tuple[Float[np.ndarray, "M D"], Float[np.ndarray, "M D D"]]:
         """Mean and covariance between outputs at every phase, Eqs. (2)–(3)."""
         shares = self.responsibilities(times)
         steps = np.subtract.outer(times, self.means[:, 0])
@@ -154,11 +155,22 @@ def fit_gmr(
     aligned: AlignedDemonstrations, config: GMRConfig = GMRConfig()
 ) -> GaussianMixtureRegression:
     """Fit the mixture by expectation maximisation from equal bins of time."""
-    config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)
-    count = len(aligned.poses)
+    outputs = standardisation.apply(aligned.poses)
+    return fit_outputs(aligned, standardisation, outputs, config)
+
+
+def fit_outputs(
+    aligned: AlignedDemonstrations,
+    standardisation: Standardisation,
+    outputs: Float[np.ndarray, "K M D"],
+    config: GMRConfig,
+) -> GaussianMixtureRegression:
+    """Fit the mixture to standardised outputs, the first six of which are poses."""
+    config.check_phases(len(aligned.times))
+    count, size = len(outputs), 1 + outputs.shape[2]
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
-    samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
+    samples = np.concatenate([phases, outputs], axis=2)
     # The import takes half a second.
     try:
         from sklearn.mixture import GaussianMixture
@@ -171,8 +183,8 @@ def fit_gmr(
 
     # Expectation maximisation from one component for each of C equal bins of time.
     parts = np.array_split(samples, config.components, axis=1)
-    bins = [part.reshape(-1, 7) for part in parts]
-    floor = config.regularisation * np.eye(7)
+    bins = [part.reshape(-1, size) for part in parts]
+    floor = config.regularisation * np.eye(size)
     precisions = [np.linalg.inv(np.cov(part.T, bias=True) + floor) for part in bins]
     mixture = GaussianMixture(
         config.components,
@@ -188,7 +200,7 @@ def fit_gmr(
     with warnings.catch_warnings():
         # Its advice is about settings that do not exist here.
         warnings.filterwarnings("ignore", "Best performing init")
-        mixture.fit(samples.reshape(-1, 7))
+        mixture.fit(samples.reshape(-1, size))
     if not mixture.converged_:
         warn_of_early_stop(config)
     return GaussianMixtureRegression(
