@@ -26,7 +26,7 @@ from gplfd_env.conventions.constants import (
 from gplfd_env.doors.randomization import seed_of_door
 from gplfd_env.envs.camera import Camera
 from gplfd_env.validation.fields import check_choice
-from gplfd_env.wrappers.forms import command_of
+from gplfd_env.wrappers.forms import action_of, command_of
 
 SIZES: Final[Mapping[ActionForm, int]] = {"pose": 7, "relative": 6, "stiffness": 13}
 """Number of components of an action."""
@@ -57,6 +57,22 @@ class Condition:
 def state_of(pose: Array) -> Array:
     """Return a pose [m, rad], (6,), as position and quaternion (x, y, z, w), (7,)."""
     return np.concatenate([pose[:3], Rotation.from_rotvec(pose[3:]).as_quat()])
+
+
+def pose_of(state: Array) -> Array:
+    """Return the pose (6,) of a position and quaternion (7,): inverse of `state_of`."""
+    return np.concatenate([state[:3], Rotation.from_quat(state[3:]).as_rotvec()])
+
+
+def action_to(command: Array, hand: Array, form: ActionForm) -> Array:
+    """Return the action that leads from the hand (6,) to a command.
+
+    A command is a pose (6,), for the form "stiffness" with stiffness (12,): the last
+    one of `Waypoints.commands`.
+    """
+    if form == "relative":
+        return action_of(command, hand)
+    return np.concatenate([state_of(command[:6]), command[6:]])
 
 
 def seen(observation: Mapping[str, Array]) -> dict[str, Any]:
@@ -108,8 +124,7 @@ class Waypoints:
         if self.form == "relative":
             goal = command_of(numbers, hand)
         else:
-            turn = Rotation.from_quat(numbers[3:7])
-            goal = np.concatenate([numbers[:3], turn.as_rotvec()])
+            goal = pose_of(numbers[:7])
         shares = np.arange(1, self.per_action + 1)[:, None] / self.per_action
         poses = self._last + shares * (goal - self._last)
         self._last = goal

@@ -9,6 +9,8 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     normalised,
+    posteriors,
+    updated,
 )
 from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig
 
@@ -117,7 +119,9 @@ def nearest_by_hand(skill, pose, previous):
     x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
     similarity = SimilarityModel.of(skill.aligned, config.similarity).prior()
-    posterior = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).posterior
+    if (distance := np.hypot(x, z)) >= similarity.due:
+        (similarity,) = updated([similarity], [(distance, np.arctan2(-z, x))])
+    (posterior,) = posteriors([similarity])
     _, _, size_variance, cosine, sine, angle_variance = posterior.features[:6]
 
     def cost(index):

@@ -13,8 +13,10 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     advance,
     normalised,
+    posteriors,
     size_and_heading,
     size_visibility,
+    updated,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.phase_rule import PathPhase
@@ -48,14 +50,15 @@ def seen(similarity, noise):
     rng = np.random.default_rng(1)
     path = arc(0.5)[TIMES <= 0.5][:, [0, 2]]
     for x, z in path + noise * rng.normal(size=path.shape):
-        similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
+        if (distance := np.hypot(x, z)) >= similarity.due:
+            (similarity,) = updated([similarity], [(distance, np.arctan2(-z, x))])
     return similarity
 
 
 def inferred(similarity):
     """Mean and σ of the logarithm of size, heading and its σ [rad]."""
-    weights = similarity.posterior.weights
-    size, *others = size_and_heading(weights, similarity.posterior.features)
+    (posterior,) = posteriors([similarity])
+    size, *others = size_and_heading(posterior.weights, posterior.features)
     return np.log(size), *others
 
 
@@ -79,7 +82,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     angles = 0.03 + np.arcsin(distances / 1.1) + [0.01, -0.01, 0.01, 0.0, -0.01]
     similarity = model.prior()
     for distance, angle in zip(distances, angles, strict=True):
-        similarity = similarity.updated(distance, angle)
+        (similarity,) = updated([similarity], [(distance, angle)])
     ahead = np.array([0.85, 0.9, 0.95, 1.0])
     path, free = np.interp(ahead, model.phases, model.path), config.scale_weight
     turning = np.interp(ahead, model.phases, model.lateral_std) / np.abs(path)
@@ -118,7 +121,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     expected /= expected.sum()
     size = (expected * model.log_sizes).sum()
     std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
-    posterior = similarity.posterior
+    (posterior,) = posteriors([similarity])
     assert_allclose(inferred(similarity)[:2], (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
     paths, turns = posterior.forecast(ahead)
@@ -132,9 +135,10 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
 
 def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
     similarity = SimilarityModel.of(aligned).prior()
-    rough, clean = (seen(similarity, noise) for noise in (3e-3, 2e-4))
+    paths = rough, clean = [seen(similarity, noise) for noise in (3e-3, 2e-4)]
     assert inferred(clean)[1] < 0.8 * inferred(rough)[1]
-    assert (clean.posterior.scale < 0.9 * rough.posterior.scale).all()
+    scale, least = (sizes.scale for sizes in posteriors(paths))
+    assert (least < 0.9 * scale).all()
     # Nothing is known of the heading before, and more with every position.
     prior = inferred(similarity)[2:]
     assert prior == pytest.approx((0.0, SimilarityConfig().heading_std))

@@ -23,6 +23,8 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     advance,
     gradient,
+    posteriors,
+    updated,
 )
 from gplfd_policies.demonstrations.turned_handle import turned_handle
 from gplfd_policies.movements.movement import GaussianTrajectory, Movement, ViaPoint
@@ -58,7 +60,7 @@ class SimilarityAdaptation:
         model = SimilarityModel.of(aligned)
         self._path = model.prior()
         self._lag = np.interp(grid, model.phases, model.lag)
-        self.sizes = self._path.posterior
+        (self.sizes,) = posteriors([self._path])
         """Estimate of size, heading and deviation from the via-points so far."""
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
@@ -78,8 +80,10 @@ class SimilarityAdaptation:
             x, _, z = pose[:3]
             if self._handle is not None:
                 x, _, z = self._handle.axis_displacement(pose.tolist())
-            self._path = self._path.updated(math.hypot(x, z), math.atan2(-z, x))
-            self.sizes = self._path.posterior
+            if (distance := math.hypot(x, z)) >= self._path.due:
+                place = distance, math.atan2(-z, x)
+                (self._path,) = updated([self._path], [place])
+            (self.sizes,) = posteriors([self._path])
 
         # Height and rotation: one scalar Kalman filter each.
         expected, spread = (

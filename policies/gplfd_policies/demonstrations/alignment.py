@@ -121,14 +121,15 @@ def align(
     demonstrations = checked_demonstrations(demonstrations)
     if not demonstrations:
         raise ValueError("at least one demonstration is needed, got none")
-    demonstrations = _regular(demonstrations)
+    recorded = demonstrations = _regular(demonstrations)
     rests: tuple[tuple[Rest, ...], ...] = ()
     if trim_rests:
-        recorded = demonstrations
         demonstrations, rests = zip(*map(without_rests, recorded), strict=True)
-        warn_of_rests(recorded, rests)
-    measured = [measure_completion(d, rotation_weight, denoise) for d in demonstrations]
-    _warn_of_noise([length_ratio for _, length_ratio in measured], denoise)
+    measured = [
+        task_completion_index(motion, rotation_weight, denoise)
+        for motion in demonstrations
+    ]
+    _warn(recorded, rests, [length_ratio for _, length_ratio in measured], denoise)
 
     # Normalise time, and unwrap the rotations from the first demonstration's branch.
     courses = []
@@ -290,24 +291,13 @@ def dynamic_time_warping(
 
 def task_completion_index(
     demonstration: Demonstration, rotation_weight: float = 0.5, denoise: bool = True
-) -> PerSample:
-    """Return ζ: the share of the path's length covered up to each sample, Eq. (16).
-
-    As printed, ζ measures mainly noise, which is therefore removed first
-    (`test_phase_error_with_noise_stays_below`).
-    """
-    index, length_ratio = measure_completion(demonstration, rotation_weight, denoise)
-    _warn_of_noise([length_ratio], denoise)
-    return index
-
-
-def measure_completion(
-    demonstration: Demonstration, rotation_weight: float, denoise: bool
 ) -> tuple[PerSample, float]:
     """Return ζ, and the length of the path over its length without noise, about 1.
 
-    The noise is removed by a Gaussian filter, which also removes noise that motion
-    capture has filtered (`test_phase_error_with_filtered_noise_stays_below`).
+    ζ is the share of the path's length covered up to each sample, Eq. (16). As printed,
+    it measures mainly noise (`test_phase_error_with_noise_stays_below`), which is
+    therefore removed first by a Gaussian filter, also if motion capture has filtered it
+    (`test_phase_error_with_filtered_noise_stays_below`).
     """
     poses = demonstration.poses
     raw = pose_steps(poses, rotation_weight)
@@ -341,22 +331,6 @@ def measure_completion(
     index = np.concatenate([[0.0], np.cumsum(clean if denoise else raw)])
     index /= index[-1]
     return index, float(np.sum(raw)) / float(np.sum(clean))
-
-
-def _warn_of_noise(ratios: Sequence[float], denoise: bool) -> None:
-    """Warn once if recorded paths are more than 1.1 times as long as denoised ones."""
-    noisy = sum(ratio > _NOISY_LENGTH_RATIO for ratio in ratios)
-    if not noisy:
-        return
-    done = "the denoised path."
-    if not denoise:
-        done = "the raw path, and mostly follows slow time; pass denoise=True."
-    warnings.warn(
-        f"sensor noise: {noisy} of {len(ratios)} demonstrations have a raw path more "
-        f"than {_NOISY_LENGTH_RATIO} times as long as the denoised one (up to "
-        f"{max(ratios):.2f} times). Completion was computed from {done}",
-        stacklevel=3,
-    )
 
 
 def without_rests(
@@ -426,18 +400,29 @@ def moving_span(demonstration: Demonstration) -> tuple[float, float]:
     return start, end
 
 
-def warn_of_rests(
-    demonstrations: Sequence[Demonstration], rests: Sequence[tuple[Rest, ...]]
+def _warn(
+    recorded: Sequence[Demonstration],
+    rests: Sequence[tuple[Rest, ...]],
+    ratios: Sequence[float],
+    denoise: bool,
 ) -> None:
-    """Warn once if 2 % of the recorded time or more was left out as rests."""
+    """Warn once of rests, and once of paths that are longer than without noise."""
     lengths = [rest.end - rest.start for left_out in rests for rest in left_out]
-    whole = sum(float(motion.times[-1] - motion.times[0]) for motion in demonstrations)
-    if sum(lengths) < _WORTH_SAYING * whole:
-        return
-    resting = sum(bool(left_out) for left_out in rests)
-    warnings.warn(
-        f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
-        f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "
-        "s at a time.",
-        stacklevel=3,
-    )
+    whole = sum(float(motion.times[-1] - motion.times[0]) for motion in recorded)
+    if sum(lengths) >= _WORTH_SAYING * whole:
+        resting = sum(bool(left_out) for left_out in rests)
+        warnings.warn(
+            f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
+            f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to "
+            f"{max(lengths):.2g} s at a time.",
+            stacklevel=3,
+        )
+    if noisy := sum(ratio > _NOISY_LENGTH_RATIO for ratio in ratios):
+        slow = "the raw path, and mostly follows slow time; pass denoise=True."
+        warnings.warn(
+            f"sensor noise: {noisy} of {len(ratios)} demonstrations have a raw path "
+            f"more than {_NOISY_LENGTH_RATIO} times as long as the denoised one (up to "
+            f"{max(ratios):.2f} times). Completion was computed from "
+            f"{'the denoised path.' if denoise else slow}",
+            stacklevel=3,
+        )

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -194,27 +193,15 @@ class PathSimilarity:
     distance, due to heading and deviation [rad]."""
     angle_variance: Sizes
 
-    def updated(self, distance: float, angle: float) -> PathSimilarity:
-        """Return the estimate with another position, if the position is far enough.
-
-        Its distance from the start is in the horizontal plane [m], the angle is the
-        direction from the start, about the vertical [rad].
-        """
-        return updated([self], [(distance, angle)])[0] if distance >= self.due else self
-
-    @cached_property
-    def posterior(self) -> SizePosterior:
-        """The likely sizes given the path, on a finer grid."""
-        return posteriors([self])[0]
-
 
 def updated(
     paths: Sequence[PathSimilarity], places: Sequence[tuple[float, float]]
 ) -> list[PathSimilarity]:
     """Return R estimates, each with one more position that is far enough from its last.
 
-    The positions are distance [m] and angle [rad] as in `PathSimilarity.updated`. All
-    paths have equal settings.
+    A position's distance from the start is in the horizontal plane [m], at least the
+    path's `due`; its angle is the direction from the start, about the vertical [rad].
+    All paths have equal settings.
     """
     models, config = [path.model for path in paths], paths[0].model.config
     place: Float[np.ndarray, "2 R 1"] = np.array(places).T[..., None]

@@ -183,10 +183,26 @@ class Replicates:
     def condition_in(
         self, basis: LegendreBasis, kernel: RBF, noise_variance: Curve
     ) -> Posterior:
-        """`condition` in a basis that can represent the kernel."""
+        """`condition` in a basis that can represent the kernel.
+
+        In the symbols of `SpectralEvidence`, with S = F₀ F₀ᵀ, the posterior is
+
+            Λ = I + F₀ᵀ Rᵀ R F₀ = L Lᵀ,   F = F₀ L⁻ᵀ,   cov w = F Fᵀ,   E w = F Fᵀ Rᵀ u:
+
+        a sum of squares, so variances are positive without any jitter
+        (``test_spectral_posterior_equals_dense``).
+        """
         noise = noise_variance / self.count
-        evidence = SpectralEvidence(basis, self.times, self.mean, noise)
-        return evidence.condition(kernel)
+        data = SpectralEvidence(basis, self.times, self.mean, noise)
+        root = square_root(basis.kernel_matrix(kernel))
+        seen = data.triangle @ root
+        precision = seen.T @ seen
+        precision[np.diag_indices_from(precision)] += 1.0
+        lower = scipy.linalg.cholesky(precision, lower=True, check_finite=False)
+        factor = scipy.linalg.solve_triangular(
+            lower, root.T, lower=True, check_finite=False
+        ).T
+        return factor @ (factor.T @ (data.triangle.T @ data.projected)), factor
 
     def condition(self, kernel: RBF, noise_variance: Curve) -> ExactGP:
         """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
@@ -204,12 +220,7 @@ class SpectralEvidence:
         log |K + c N| = log |c N| + log |B|,   B = I + R S Rᵀ / c,
         yᵀ (K + c N)⁻¹ y = (ρ² + uᵀ B⁻¹ u) / c
 
-    (``test_spectral_evidence_equals_dense``). The posterior, with S = F₀ F₀ᵀ, is
-
-        Λ = I + F₀ᵀ Rᵀ R F₀ = L Lᵀ,   F = F₀ L⁻ᵀ,   cov w = F Fᵀ,   E w = F Fᵀ Rᵀ u:
-
-    a sum of squares, so variances are positive without any jitter
-    (``test_spectral_posterior_equals_dense``).
+    (``test_spectral_evidence_equals_dense``).
     """
 
     def __init__(
@@ -255,18 +266,6 @@ class SpectralEvidence:
         scale_part = -trace - 0.5 * self.size + 0.5 * quadratic
         gradient = np.array([np.sum(pulled * squared), 2.0 * trace, scale_part])
         return value, gradient
-
-    def condition(self, kernel: RBF) -> Posterior:
-        """Condition N(0, K) on the reduced data, Eqs. (10)–(11)."""
-        root = square_root(self.basis.kernel_matrix(kernel))
-        seen = self.triangle @ root
-        precision = seen.T @ seen
-        precision[np.diag_indices_from(precision)] += 1.0
-        lower = scipy.linalg.cholesky(precision, lower=True, check_finite=False)
-        factor = scipy.linalg.solve_triangular(
-            lower, root.T, lower=True, check_finite=False
-        ).T
-        return factor @ (factor.T @ (self.triangle.T @ self.projected)), factor
 
 
 def square_root(covariance: Float[np.ndarray, "Q Q"]) -> Float[np.ndarray, "Q R"]:

@@ -237,7 +237,7 @@ class PathPhase:
         self._turned = [0.0]
         self.settings = config
         self._similarities = [SimilarityModel.of(aligned, config.similarity).prior()]
-        self._posteriors = [self._similarities[0].posterior]
+        self._posteriors = posteriors(self._similarities)
         self._likely = np.stack([self._posteriors[0].features], axis=1)
 
     @classmethod
@@ -259,8 +259,8 @@ class PathPhase:
         """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
             path = self._similarities[number] = self._similarities[number].model.prior()
-            self._posteriors[number] = path.posterior
-            self._likely[:, number] = path.posterior.features
+            (sizes,) = posteriors([path])
+            self._posteriors[number], self._likely[:, number] = sizes, sizes.features
             self._turned[number] = 0.0
 
     def update(

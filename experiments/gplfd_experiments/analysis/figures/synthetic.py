@@ -249,10 +249,10 @@ def fig03(material: Material) -> tuple[Figure, str]:
     figure = Figure(figsize=(style.COLUMN, 3.4), layout="constrained")
     (recorded, euclidean), (completed, index) = figure.subplots(2, 2)
     for motion in motions:
-        colour, demonstration = _COLOURS[motion.level], motion.demonstration
-        times = demonstration.times
-        recorded.plot(times, demonstration.poses[:, HEIGHT], color=colour)
-        index.plot(times, alignment.task_completion_index(demonstration), color=colour)
+        colour, demo = _COLOURS[motion.level], motion.demonstration
+        recorded.plot(demo.times, demo.poses[:, HEIGHT], color=colour)
+        completion, _ = alignment.task_completion_index(demo)
+        index.plot(demo.times, completion, color=colour)
     for panel, name in ((euclidean, "euclidean"), (completed, "completion")):
         for motion, poses in zip(motions, aligned[name].poses, strict=True):
             colour = _COLOURS[motion.level]

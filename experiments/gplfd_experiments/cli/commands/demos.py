@@ -68,12 +68,14 @@ class DemosExport:
     """Write demonstrations or episodes in the format of another program.
 
     LeRobot's format (version 3) is a folder. An action is the pose at the next sample;
-    in episodes, the last command before it.
+    in episodes, the last command before it. Replayed demonstrations and episodes are
+    what the environment of `gplfd_env.lerobot` gives and takes.
     """
 
     demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
-    """Folder of `gplfd demos import`, or a demonstrations.npz; or episodes, the folder
-    of `gplfd demos record`."""
+    """Folder of `gplfd demos import`, or a demonstrations.npz; episodes, the folder
+    of `gplfd demos record`; or an official training set: learner-6, learner-50 or
+    learner-200."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="PATH")]
     """Folder to write."""
@@ -81,27 +83,31 @@ class DemosExport:
     form: Literal["lerobot"] = "lerobot"
     """Format to write."""
 
+    replay: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="DOOR ...")] = None
+    """Replay the demonstrations, in turn at these doors (names, radii [m], .json
+    files), or without a name at doors of their own radii; official sets always are."""
+
     pictures: tuple[str, ...] = ()
-    """Cameras whose pictures of episodes are written: overview, top, head,
-    hand_camera."""
+    """Cameras whose videos are written: overview, top, head, hand_camera."""
 
     size: Annotated[tuple[int, int], tyro.conf.arg(metavar="W H")] = (320, 240)
-    """Width and height of the pictures [px]."""
+    """Width and height of the videos [px]."""
 
-    rate: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Rows per second of episodes; 100 by default, 10 with pictures."""
+    rate: Annotated[int | None, tyro.conf.arg(metavar="HZ")] = None
+    """Rows per second of replays and episodes, a divisor of 100; 20 by default."""
+
+    action: Literal["pose", "relative", "stiffness"] = "pose"
+    """Form of actions, as --env.action of LeRobot's commands."""
 
     def execute(self) -> int:
         """Write the files, and print their location."""
-        from gplfd_experiments.data.writers.lerobot import export_demonstrations
+        from gplfd_experiments.data.writers.lerobot import Form, export_demonstrations
+        from gplfd_experiments.episodes.task import named_doors
 
-        number = export_demonstrations(
-            self.demonstrations,
-            self.out,
-            rate=self.rate,
-            cameras=self.pictures,
-            size=self.size,
-        )
+        named = named_doors(self.replay) if self.replay else {}
+        doors = None if self.replay is None else tuple(named.values())
+        form = Form(self.rate, self.action, self.pictures, self.size)
+        number = export_demonstrations(self.demonstrations, self.out, form, doors)
         print(f"{number} demonstration{'s' * (number > 1)} in {self.out}")
         return 0
 

@@ -21,7 +21,7 @@ from gplfd_env.spatial.turns import accumulated_rotvecs
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import FINEST, interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.alignment import measure_completion
+from gplfd_policies.demonstrations.alignment import task_completion_index
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import GaussianTrajectory, Movement
 from gplfd_policies.movements.prior_mean import PriorMean
@@ -137,7 +137,7 @@ def aligned_to(
 def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     """Completion from 0 to 1, strictly increasing, (N,)."""
     recorded = Demonstration(times=times, poses=poses)
-    index, _ = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True)
+    index, _ = task_completion_index(recorded, _ROTATION_WEIGHT)
     clock = (times - times[0]) / (times[-1] - times[0])
     return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
 

@@ -411,7 +411,7 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     """
     starts = []
     for whole in fold.training:
-        size = int(np.searchsorted(task_completion_index(whole), 0.7)) + 1
+        size = int(np.searchsorted(task_completion_index(whole)[0], 0.7)) + 1
         start = Demonstration(times=whole.times[:size], poses=whole.poses[:size])
         starts.append(start)
     movement, _ = learn(method, starts, seed)
