@@ -238,7 +238,7 @@ def contrasts(track: str) -> str:
     least = len(rows) * 2.0 ** (1 - seeds)
     return (
         f"{table}\n\n*Contrasts of the track {track}. {seeds} seeds and {len(rows)} "
-        f"contrasts allow no p below {least:.3f} ({len(rows)} · 2 / 2^{seeds}).*"
+        f"contrasts allow no p below {least:.1g} ({len(rows)} · 2 / 2^{seeds}).*"
     )
 
 

@@ -176,7 +176,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
     content["trials"]["motions"]["flap"]["mine:make"]["lost"] = 1
     assert "mine:make" not in printed().split("## Track ")[1]
     content["protocol"] = 8
-    with pytest.raises(ValueError, match=r"of protocol 8, .* leaderboard of 1\.0"):
+    with pytest.raises(ValueError, match=r"of protocol 8, .* leaderboard of 1\.1"):
         printed()
 
 
