@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.disturbance import Person
+from gplfd_env.doors.disturbance import Disturbance, Person
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.intervention import PersonHand
@@ -232,3 +232,13 @@ def test_a_stuck_hinge_breaks_away_once(start_env):
     env.reset()
     env.step(REST)
     assert env.model.joint("hinge").frictionloss[0] == 4.5, "and again next time"
+
+
+def test_ranges_of_disturbances_are_drawn_evenly():
+    drawn = [
+        Disturbance(push={"along": (5.0, 15.0), "outward": 3.0}).drawn(rng).push
+        for rng in np.random.default_rng(0).spawn(400)
+    ]
+    along = np.sort([push.along for push in drawn])
+    assert_allclose(along, np.linspace(5.0, 15.0, 400), atol=0.7)
+    assert {push.outward for push in drawn} == {3.0}

@@ -63,7 +63,8 @@ def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
 
 def test_scene_frames_agree_with_the_task_s_words():
     """Task frame at the closed handle: y up, x out of the door, hinge at z = -R."""
-    model = build_scene(DoorConfig(radius=0.4, handle_height=0.7))
+    door = DoorConfig(radius=0.4, handle_height=0.7)
+    model = build_scene(door)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     frame = data.site("task_frame")
@@ -75,6 +76,14 @@ def test_scene_frames_agree_with_the_task_s_words():
     assert_allclose(data.joint("hinge").xaxis, y, atol=1e-12)
     leaf_from_bar = data.geom("leaf").xpos - frame.xpos
     assert leaf_from_bar @ x == pytest.approx(-0.07), "the robot pulls towards +x"
+    for name, side, edge in (
+        ("leaf", -1, -0.4 - door.overhang),
+        ("leaf", 1, door.leaf.backset),
+        ("jamb_hinge", 1, -0.4 - door.overhang),
+        ("jamb_lock", -1, door.leaf.backset),
+    ):
+        middle = (data.geom(name).xpos - frame.xpos) @ z
+        assert middle + side * model.geom(name).size[2] == pytest.approx(edge, abs=0.01)
 
 
 # --- What is only seen ---------------------------------------------------------------

@@ -349,6 +349,9 @@ def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
     poses = aligned.poses
     assert_allclose(trajectory.mean, poses.mean(axis=0), atol=1e-14)
     assert_allclose(trajectory.std, poses.std(axis=0, ddof=1), atol=1e-14)
+    for degrees, law in ((None, scipy.stats.norm), (5.0, scipy.stats.t(5.0))):
+        low, high = replace(trajectory, degrees_of_freedom=degrees).interval(0.9)
+        assert_allclose(high - low, 2.0 * law.ppf(0.95) * trajectory.std, atol=1e-14)
     some = EmpiricalDistribution(aligned=aligned).predict(GRID)
     curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
     assert_allclose(some.covariance[4], np.cov(np.array(curves).T), atol=1e-14)
