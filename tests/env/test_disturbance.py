@@ -235,10 +235,9 @@ def test_a_stuck_hinge_breaks_away_once(start_env):
 
 
 def test_ranges_of_disturbances_are_drawn_evenly():
-    drawn = [
-        Disturbance(push={"along": (5.0, 15.0), "outward": 3.0}).drawn(rng).push
-        for rng in np.random.default_rng(0).spawn(400)
-    ]
+    disturbance = Disturbance(push={"along": (5.0, 15.0), "outward": 3.0})
+    rngs = np.random.default_rng(0).spawn(400)
+    drawn = [disturbance.drawn(rng).push for rng in rngs]
     along = np.sort([push.along for push in drawn])
     assert_allclose(along, np.linspace(5.0, 15.0, 400), atol=0.7)
     assert {push.outward for push in drawn} == {3.0}

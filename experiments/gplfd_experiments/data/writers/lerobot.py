@@ -142,13 +142,14 @@ def export_demonstrations(
         raise ValueError(f"--out {target} exists; give another")
     if form.cameras and any(side % 2 for side in form.size):
         raise ValueError(f"--size {form.size}: videos need even numbers of pixels")
-    rate, official = form.rate, str(source) in OFFICIAL
-    rate = _RATE if rate is None else rate
+    # A user's own folder of such a name comes first, unless it is a set of this format.
+    free = not source.exists() or (source / INFO).is_file()
+    official = free and str(source) in OFFICIAL
+    rate = _RATE if form.rate is None else form.rate
     episodes: Iterable[_Columns]
     if official or replay is not None:
-        labelled = (
-            official_set(source.name) if official else npz.load_demonstrations(source)
-        )
+        load = official_set if official else npz.load_demonstrations
+        labelled = load(str(source))
         identity = npz.hash_of(labelled.demonstrations)
         about = f"Replays of the demonstrations {identity} ({source.name})."
         episodes = _replayed(labelled, replay, rate, form)
@@ -201,9 +202,8 @@ def _replayed(
             while not ended:
                 hand = pose_of(observed["agent_pos"])
                 after = motion.times[0] + (len(rows) + 1) / rate
-                goal = np.array(
-                    [np.interp(after, motion.times, part) for part in motion.poses.T]
-                )
+                columns = motion.poses.T
+                goal: Any = [np.interp(after, motion.times, c) for c in columns]
                 if form.action == "stiffness":
                     goal = np.append(goal, stiffness)
                 else:
