@@ -3,9 +3,7 @@
 import warnings
 from typing import Any, ClassVar, Final
 
-import glfw
 import mujoco
-from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -34,7 +32,7 @@ class Camera:
         check_choice("camera_name", name, cameras)
         self._name, self._effects = name, effects
         self._renderer: mujoco.Renderer | None = None
-        self._window: MujocoRenderer | None = None
+        self._window: Any = None  # Gymnasium's, whose import loads GLFW.
         self._drawn: mujoco.MjModel | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -44,12 +42,13 @@ class Camera:
         """Return a picture in a render mode; raise a RuntimeError without OpenGL."""
         if mode == "human":
             if self._window is None or self._drawn is not data.model:
+                from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
                 self.close()
                 self._drawn = data.model
                 scene = data.model, data, None, self._width, self._height
                 self._window = MujocoRenderer(*scene, camera_name=self._name)
-            self._window.render("human")
-            return None
+            return self._window.render("human")
         if mode == "rgbd_tuple":
             return self._draw(data, depth=False), self._draw(data, depth=True)
         return self._draw(data, depth=mode == "depth_array")
@@ -57,7 +56,7 @@ class Camera:
     def close(self) -> None:
         """Free window and renderer; may be called more than once."""
         if self._window is not None:
-            self._window.close()  # type: ignore[no-untyped-call]
+            self._window.close()
             self._window = None
         if self._renderer is not None:
             self._renderer.close()
@@ -101,8 +100,9 @@ class Camera:
 
 def require_display() -> None:
     """Raise a RuntimeError without a display: a window would abort Python."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of GLFW, about what the error says
+    import glfw  # which starts a process to find its library
+
+    with warnings.catch_warnings(action="ignore"):  # of GLFW, as the error below
         has_display = glfw.init() and glfw.get_primary_monitor()
     if not has_display:
         raise RuntimeError(

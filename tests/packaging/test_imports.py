@@ -4,12 +4,12 @@ DRAW = "mujoco rerun glfw matplotlib sklearn scipy.stats scipy.signal"
 LEFT_OUT = {
     "gplfd_env": f"{DRAW} scipy gplfd_env.doors",
     "gplfd_experiments.cli.main": f"{DRAW} scipy",
-    "gplfd_experiments.cli.doctor": f"{DRAW} joblib scipy.spatial",
+    "gplfd_experiments.cli.doctor": f"{DRAW} joblib scipy",
     "gplfd_env.task.opening": DRAW,
     "gplfd_policies; from gplfd_policies import *": f"{DRAW} scipy.optimize",
     "gplfd_experiments.workflows.runs": "scipy.stats scipy.signal scipy.optimize",
     "gplfd_experiments.analysis.results.measures": "scipy.stats scipy.signal",
-    "gplfd_experiments.studies.runner": "scipy.stats scipy.signal sklearn",
+    "gplfd_experiments.studies.runner": "scipy.stats scipy.signal sklearn imageio",
 }
 """Slow libraries that are loaded where they are used, not with these modules."""
 

@@ -53,8 +53,8 @@ def check_video() -> None:
     camera = Camera(empty, 8, 8, "any", effects=False)
     try:
         imageio_ffmpeg.get_ffmpeg_exe()
-        with contextlib.closing(camera), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings of GLFW, which the error repeats
+        # GLFW's warnings say what the error says.
+        with contextlib.closing(camera), warnings.catch_warnings(action="ignore"):
             camera.picture("rgb_array", mujoco.MjData(empty))
     except RuntimeError as error:
         raise OSError(f"--video: {error}") from error
