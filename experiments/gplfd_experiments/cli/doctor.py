@@ -26,8 +26,7 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.provenance import versions
-from gplfd_policies.registry.built_in import PARTS, POLICIES
-from gplfd_policies.registry.catalogue import packaged_summaries
+from gplfd_policies.registry.summaries import SUMMARIES
 
 EXTRAS: Final[Mapping[str, str]] = {
     "dask": "studies on a cluster",
@@ -130,6 +129,13 @@ def catalogue() -> dict[str, Mapping[str, str]]:
     """Return a description of each name, by the titles of the sections."""
     radius = allowed_range(DoorConfig, "radius")
     standing = TIAGO_LIKE.stance(DoorConfig()).radius
+    learners, references = SUMMARIES["learners"], SUMMARIES["references"]
+    packaged: Mapping[str, str] = {}
+    if importlib.metadata.entry_points(group="gplfd_policies"):
+        # It loads all policies, with SciPy.
+        from gplfd_policies.registry.catalogue import packaged_summaries
+
+        packaged = packaged_summaries([*learners, *references])
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
         f"{standing:g} m with a mobile base; or a .json file)": {
@@ -141,16 +147,14 @@ def catalogue() -> dict[str, Mapping[str, str]]:
             + (" with latch" if door.latch != "none" else "")
             for name, door in DOORS.items()
         },
-        "learners, in one pipeline (or your own: module:attribute)": _policies(
-            "method"
-        ),
+        "learners, in one pipeline (or your own: module:attribute)": learners,
         "pipelines (of a learner, after an @: gmr@published, gp@no-size+no-modes)": {
             "published": "as the authors published the method, without shared parts",
             "tuned": "as published, with the settings that tuning found",
-            **{name: part.summary for name, part in PARTS.items()},
+            **SUMMARIES["parts"],
         },
-        "references (policies that do not learn)": _policies("reference"),
-        "policies of installed packages": packaged_summaries(POLICIES),
+        "references (policies that do not learn)": references,
+        "policies of installed packages": packaged,
         "environments": {
             ENVIRONMENT_ID: "action: pose of the hand in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "action: pose and stiffness of the hand",
@@ -177,8 +181,3 @@ def catalogue() -> dict[str, Mapping[str, str]]:
             "breakaway": "stiction and a seal hold the closed door",
         },
     }
-
-
-def _policies(kind: str) -> dict[str, str]:
-    names = sorted(name for name in POLICIES if POLICIES[name].kind == kind)
-    return {name: POLICIES[name].summary for name in names}

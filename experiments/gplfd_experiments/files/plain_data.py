@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_policies.arrays.storage import complete_or_absent, regular_file
-
 _SHOWN: Final = 60  # Largest number of characters of an invalid value in an error.
 _KINDS: Final[Mapping[Any, str]] = {
     str: "a text",
@@ -49,6 +47,8 @@ def naming(path: Path) -> Iterator[None]:
 
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
     """Write ``value`` as JSON, complete or not at all; raises as `json_text` does."""
+    from gplfd_policies.arrays.storage import complete_or_absent  # loads SciPy
+
     text = json_text(value, indent=indent) + "\n"
     with complete_or_absent(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -72,6 +72,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 def _read(
     path: Path, language: str, parse: Callable[[str], dict[str, Any]]
 ) -> dict[str, Any]:
+    from gplfd_policies.arrays.storage import regular_file  # loads SciPy
+
     content = regular_file(path).read_bytes()
     try:
         return parse(content.decode())

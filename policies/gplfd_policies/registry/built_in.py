@@ -79,6 +79,7 @@ from gplfd_policies.registry.method import (
     demonstrated_phase,
     profile_of_spread,
 )
+from gplfd_policies.registry.summaries import SUMMARIES
 
 
 def _sample_mean(aligned: AlignedDemonstrations) -> EmpiricalDistribution:
@@ -97,7 +98,6 @@ def _conditioned(skill: Skill, grid: Times) -> ConditionedProcess:
 
 
 GP: Final = Learner(
-    summary="heteroscedastic Gaussian process",
     fit=fit_skill,
     accepts_prior_mean=True,
     adaptation=_conditioned,
@@ -105,65 +105,35 @@ GP: Final = Learner(
 )
 """The learner of this project."""
 
+_LEARNERS: Final = {
+    "gp": GP,
+    "gp-homoscedastic": replace(GP, fit=partial(fit_skill, noise="homoscedastic")),
+    "gp-paper": Learner(
+        fit=partial(fit_skill, noise="kersting"),
+        accepts_prior_mean=True,
+        adaptation=partial(ProductAdaptation, prior_mean="zero"),
+    ),
+    "mean": Learner(fit=_sample_mean),
+    "dmp": Learner(fit=partial(fit_dmp, config=DMPConfig(spread=True))),
+    "promp": Learner(fit=fit_promp, adaptation=OwnAdaptation),
+    "gmr": Learner(fit=fit_gmr),
+    "tp-gmm": Learner(fit=fit_tp_gmm, adaptation=OwnAdaptation),
+    "local-gp": Learner(
+        fit=partial(fit_local_gp, config=LocalGPConfig()), accepts_prior_mean=True
+    ),
+    "wishart-gp": Learner(
+        fit=partial(fit_wishart_gp, config=WishartGPConfig()),
+        seeded=True,
+        accepts_prior_mean=True,
+    ),
+    "kmp": Learner(fit=partial(fit_kmp, config=DOOR_KMP), adaptation=OwnAdaptation),
+    "gmm-gp": Learner(fit=fit_gmm_gp, adaptation=OwnAdaptation),
+    "prodmp": Learner(fit=fit_prodmp, adaptation=OwnAdaptation),
+}
 LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
     {
-        "gp": GP,
-        "gp-homoscedastic": replace(
-            GP,
-            summary="Gaussian process with one noise level for the whole motion",
-            fit=partial(fit_skill, noise="homoscedastic"),
-        ),
-        "gp-paper": Learner(
-            summary="the paper's Gaussian process (Kersting noise, product form)",
-            fit=partial(fit_skill, noise="kersting"),
-            accepts_prior_mean=True,
-            adaptation=partial(ProductAdaptation, prior_mean="zero"),
-        ),
-        "mean": Learner(
-            summary="sample mean and standard deviation of the demonstrations",
-            fit=_sample_mean,
-        ),
-        "dmp": Learner(
-            summary="dynamic movement primitive, with the demonstrations' spread",
-            fit=partial(fit_dmp, config=DMPConfig(spread=True)),
-        ),
-        "promp": Learner(
-            summary="probabilistic movement primitive",
-            fit=fit_promp,
-            adaptation=OwnAdaptation,
-        ),
-        "gmr": Learner(summary="Gaussian-mixture regression", fit=fit_gmr),
-        "tp-gmm": Learner(
-            summary="task-parameterised mixture, frames at handle and estimated hinge",
-            fit=fit_tp_gmm,
-            adaptation=OwnAdaptation,
-        ),
-        "local-gp": Learner(
-            summary="local Gaussian processes (reconstruction)",
-            fit=partial(fit_local_gp, config=LocalGPConfig()),
-            accepts_prior_mean=True,
-        ),
-        "wishart-gp": Learner(
-            summary="Gaussian process, Wishart-process covariance (reconstruction)",
-            fit=partial(fit_wishart_gp, config=WishartGPConfig()),
-            seeded=True,
-            accepts_prior_mean=True,
-        ),
-        "kmp": Learner(
-            summary="kernelised movement primitive, regularisation in metres",
-            fit=partial(fit_kmp, config=DOOR_KMP),
-            adaptation=OwnAdaptation,
-        ),
-        "gmm-gp": Learner(
-            summary="Gaussian process with a Gaussian-mixture prior",
-            fit=fit_gmm_gp,
-            adaptation=OwnAdaptation,
-        ),
-        "prodmp": Learner(
-            summary="probabilistic dynamic movement primitive",
-            fit=fit_prodmp,
-            adaptation=OwnAdaptation,
-        ),
+        name: replace(learner, summary=SUMMARIES["learners"][name])
+        for name, learner in _LEARNERS.items()
     }
 )
 """The learners by name; by this name alone, each is in the default `Pipeline`."""
@@ -205,7 +175,6 @@ def _constant(translation: float) -> StiffnessProfile:
 class Part(NamedTuple):
     """A change of the pipeline, by the fields that it replaces."""
 
-    summary: str
     pipeline: Mapping[str, Any] = {}
     config: Mapping[str, Any] = {}
     """Fields of `Pipeline.config`."""
@@ -213,45 +182,25 @@ class Part(NamedTuple):
 
 PARTS: Final[Mapping[str, Part]] = MappingProxyType(
     {
-        "no-continuation": Part("stops where demonstrations end", {"beyond": 0.0}),
-        "no-modes": Part("learns demonstrations of all kinds as one", {"modes": None}),
-        "no-size": Part(
-            "infers no size: the learner's own adaptation", {"size_inference": None}
-        ),
-        "no-adaptation": Part("follows what was learned", {"adapts": False}),
-        "one-size": Part(
-            "takes every path to be of the demonstrations' mean size",
-            {"phases": partial(PathPhase, config=ONE_SIZE)},
-        ),
-        "no-rotation": Part(
-            "learns positions only (constant orientation)", {"align": _positions_alone}
-        ),
-        "no-forces": Part("learns no forces", {"align": _motion_only}),
-        "carried-load": Part(
-            "compensates loads of up to 25 N along the path",
-            config={"load": CarriedLoad()},
-        ),
-        "undamped": Part(
-            "without the additional damping for contact", config={"dynamics": UNDAMPED}
-        ),
+        "no-continuation": Part({"beyond": 0.0}),
+        "no-modes": Part({"modes": None}),
+        "no-size": Part({"size_inference": None}),
+        "no-adaptation": Part({"adapts": False}),
+        "one-size": Part({"phases": partial(PathPhase, config=ONE_SIZE)}),
+        "no-rotation": Part({"align": _positions_alone}),
+        "no-forces": Part({"align": _motion_only}),
+        "carried-load": Part(config={"load": CarriedLoad()}),
+        "undamped": Part(config={"dynamics": UNDAMPED}),
         "impedance": Part(
-            "stiffness is realised by the arm's impedance control",
             config={
                 "rendering": ArmRendering,
                 "dynamics": ARM_DYNAMICS,
                 "stiffness_frame": "axes",
             },
         ),
-        "stiffness-from-force": Part(
-            "soft along the demonstrated force, stiff across it",
-            {"phase_stiffness": stiffness_from_force},
-        ),
-        "constant-100": Part(
-            "constant stiffness of 100 N/m (the minimum)", {"profile": _constant(100.0)}
-        ),
-        "constant-500": Part(
-            "constant stiffness of 500 N/m (the maximum)", {"profile": _constant(500.0)}
-        ),
+        "stiffness-from-force": Part({"phase_stiffness": stiffness_from_force}),
+        "constant-100": Part({"profile": _constant(100.0)}),
+        "constant-500": Part({"profile": _constant(500.0)}),
     }
 )
 """Changes of the default pipeline by name, each of one part."""
@@ -317,40 +266,28 @@ def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
     return agent()
 
 
-def _model_based(
-    agent: Callable[[], object], summary: str, *, told: bool = False
-) -> Policy:
-    make = partial(_untaught, agent)
-    return Policy(summary=summary, make=make, kind="reference", told=told)
-
-
+_REFERENCES: Final[Mapping[str, Callable[[], object]]] = {
+    "hinge-fit": HingeFitAgent,
+    "hinge-fit-told": ToldHandleAgent,
+    "mechanism-fit": MechanismFitAgent,
+    "reflex": ReflexAgent,
+    "chord": ChordAgent,
+    "compliant-pull": CompliantPullAgent,
+    "oracle": OracleAgent,
+}
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         name: Policy(summary=learner.summary, make=Method(learner=learner))
         for name, learner in LEARNERS.items()
     }
     | {
-        "hinge-fit": _model_based(
-            HingeFitAgent, "estimates the hinge from the hand's path; compliant"
-        ),
-        "hinge-fit-told": _model_based(
-            ToldHandleAgent,
-            "knows the handle and turns it, then acts as hinge-fit",
-            told=True,
-        ),
-        "mechanism-fit": _model_based(
-            MechanismFitAgent, "finds the kind of mechanism from the hand's path"
-        ),
-        "reflex": _model_based(
-            ReflexAgent, "moves in the last direction of motion; compliant across it"
-        ),
-        "chord": _model_based(ChordAgent, "pulls in the last direction of motion"),
-        "compliant-pull": _model_based(
-            CompliantPullAgent, "pulls straight back with a constant force; compliant"
-        ),
-        "oracle": _model_based(
-            OracleAgent, "knows the door and follows its exact arc; stiff", told=True
-        ),
+        name: Policy(
+            summary=SUMMARIES["references"][name],
+            make=partial(_untaught, agent),
+            kind="reference",
+            told=name in ("hinge-fit-told", "oracle"),
+        )
+        for name, agent in _REFERENCES.items()
     }
 )
 """Built-in policies: every learner in the default pipeline, and model-based ones."""
@@ -389,7 +326,7 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
             )
         config = replace(changed.config, **PARTS[part].config)
         changed = replace(changed, config=config, **PARTS[part].pipeline)
-        summary.append(PARTS[part].summary)
+        summary.append(SUMMARIES["parts"][part])
     return replace(
         policy,
         summary="; ".join(summary),

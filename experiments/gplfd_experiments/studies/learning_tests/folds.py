@@ -160,8 +160,7 @@ def learn(
         getattr(scipy, name)
     # Left-out demonstrations end at the end of the others.
     within = replace(method, pipeline=replace(method.pipeline, beyond=0.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
         movement, learning_s = cpu_seconds(lambda: within.learn(training))
         _, prediction_s = cpu_seconds(lambda: movement.predict(np.array([0.0, 1.0])))
     return movement, learning_s + prediction_s
