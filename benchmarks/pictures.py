@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,15 +30,14 @@ from PIL import Image, ImageDraw, ImageFont
 from rerun.experimental import ViewerClient
 
 from gplfd_env.doors.config import door_config
-from gplfd_env.envs.camera import Camera
 from gplfd_experiments.data.importing import PICTURE, import_recordings
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.plain_data import read_json, write_json
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.recording.episode import record_episode
+from gplfd_experiments.recording.video import episode_images
 from gplfd_experiments.recording.viewer import viewer
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.protocol import (
@@ -105,27 +104,15 @@ def model_of(task: EpisodeTask) -> mujoco.MjModel:
         return env.unwrapped.model  # type: ignore[attr-defined]
 
 
-def states(
-    log: EpisodeLog, model: mujoco.MjModel, rows: Iterable[int]
-) -> Iterator[tuple[int, mujoco.MjData]]:
-    """Yield rows of a log and the state of the scene at each, in one object."""
-    data = mujoco.MjData(model)
-    for row in rows:
-        data.qpos[:] = log.motion.qpos[row]
-        mujoco.mj_forward(model, data)
-        yield row, data
-
-
 def write_gif(
     path: Path, frames: Sequence[Image.Image], period: float, colours: int
 ) -> None:
     """Write frames of a period [s] as an animation with few colours."""
     # The last frame is included, because an open door is lit differently.
     chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
-    several = np.hstack([np.asarray(frame) for frame in chosen])
     # Median cut alone gives large areas of similar colour, such as walls, few shades,
     # which is visible as blotches.
-    palette = Image.fromarray(several).quantize(colours, kmeans=4)
+    palette = Image.fromarray(np.hstack(chosen)).quantize(colours, kmeans=4)
     images = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
     ]
@@ -142,24 +129,12 @@ _BAR: Final = 20  # Height of a line of text [px].
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)
 
 
-def overviews(
-    task: EpisodeTask, log: EpisodeLog, rows: Iterable[int], width: int
-) -> list[Image.Image]:
-    """Return 4:3 images of an episode from behind the robot, at rows of its log."""
-    model, size = model_of(task), (2 * width, 3 * width // 2)
-    with contextlib.closing(Camera(model, *size, "overview", effects=True)) as camera:
-        return [
-            Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
-            for _, data in states(log, model, rows)
-        ]
-
-
 def pictured(scene: Mapping[str, Any], width: int) -> Image.Image:
     """Open a door and return an image of it at the scene's angle."""
     log = episode_log(task := episode_of(scene))
     reached = np.degrees(log.opening.door_angle) >= scene["angle"]
-    (image,) = overviews(task, log, [int(reached.argmax())], width)
-    return image
+    row = int(reached.argmax())
+    return next(episode_images(log, model_of(task), [row], width, effects=True))
 
 
 def lettered(image: Image.Image, above: str, below: str = "") -> Image.Image:
@@ -180,7 +155,7 @@ def gallery() -> None:
     width, shown = 400, _SHOWN["scenes"]
     images = [lettered(pictured(s, width), s["title"]) for s in shown["gallery.png"]]
     firsts = range(0, len(images), _COLUMNS)
-    rows = [np.hstack([*map(np.asarray, images[n : n + _COLUMNS])]) for n in firsts]
+    rows = [np.hstack(images[n : n + _COLUMNS]) for n in firsts]
     with made("gallery.png") as path:
         Image.fromarray(np.vstack(rows)).save(path, format="PNG")
     with made("scene.png") as path:
@@ -188,9 +163,10 @@ def gallery() -> None:
     for name in ("opening.gif", "folding.gif"):
         log = episode_log(task := episode_of(*shown[name]))
         last = log.times.size - 1
-        frames = overviews(task, log, [*range(0, last, _FRAME), last], width)
+        rows = [*range(0, last, _FRAME), last]
+        frames = episode_images(log, model_of(task), rows, width, effects=True)
         with made(name) as path:
-            write_gif(path, frames, _FRAME * log.dt, _SHADES)
+            write_gif(path, [*frames], _FRAME * log.dt, _SHADES)
 
 
 # --- Films of the trials -----------------------------------------------------
@@ -232,6 +208,7 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     log, demonstrations = episode_log(task), demonstrations_of(task).demonstrations
     curve = np.abs(getattr(log.forces, film["curve"]))
     model, angle = model_of(task), np.degrees(log.opening.door_angle)
+    data = mujoco.MjData(model)
     model.vis.global_.fovy = 1.0
     last = min(log.times.size - 1, round(_LONGEST / log.dt))
     rows = [*range(0, last, round(_EVERY / log.dt)), last]
@@ -249,7 +226,9 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
             scene.ngeom += 1
             return geom
 
-        for row, data in states(log, model, rows):
+        for row in rows:
+            data.qpos[:] = log.motion.qpos[row]
+            mujoco.mj_forward(model, data)
             site = data.site("task_frame")
             axes, origin = site.xmat.reshape(3, 3), site.xpos
             # A top view without perspective, the robot below the door.
@@ -349,7 +328,8 @@ def part(scene: Mapping[str, Any], times: NDArray[np.float64]) -> list[Image.Ima
     scale = [_PART / times[-1], -_CURVE / 100.0]
     height, pages = 3 * _PART // 4, []
     points = np.column_stack([log.times, force]) * scale + [0.0, height + _CURVE - 4]
-    for row, image in zip(rows, overviews(task, log, rows, _PART), strict=True):
+    images = episode_images(log, model_of(task), rows, _PART, effects=True)
+    for row, image in zip(rows, images, strict=True):
         page = Image.new("RGB", (_PART, height + _CURVE), _PAPER)
         page.paste(image, (0, 0))
         draw, font = ImageDraw.Draw(page), ImageFont.load_default(17)

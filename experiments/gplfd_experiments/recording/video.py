@@ -2,6 +2,7 @@
 
 import contextlib
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,9 +21,6 @@ SUFFIX: Final = ".mp4"
 SIZE: Final = (640, 480)  # Width and height [px], multiples of 16.
 RATE: Final = 25  # Images per second.
 _PAUSE: Final = 1.0  # Additional time of the last image [s].
-# Rendered pixels per pixel of the video, in each direction, for smooth edges. Without a
-# graphics card, this takes a quarter of the time of the renderer's antialiasing.
-_OVERSAMPLING: Final = 2
 
 
 def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
@@ -32,10 +30,8 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
             f"--video writes {SUFFIX} files, got {str(file)!r}; give for example "
             f"--video {file.stem or 'opening'}{SUFFIX}"
         )
-    names = [f"{file.stem}-{door}{file.suffix}" for door in doors]
-    if len(doors) == 1:
-        names = [file.name]
-    paths = {d: file.with_name(name) for d, name in zip(doors, names, strict=True)}
+    several = len(doors) > 1
+    paths = {d: file.with_stem(f"{file.stem}-{d}") if several else file for d in doors}
     for path in paths.values():
         if path.is_dir():
             raise ValueError(f"--video {path} is a folder; give the name of a file")
@@ -60,6 +56,21 @@ def check_video() -> None:
         raise OSError(f"--video: {error}") from error
 
 
+def episode_images(
+    log: EpisodeLog, model: Any, rows: Iterable[int], width: int, *, effects: bool
+) -> Iterator[Image.Image]:
+    """Yield 4:3 images of an episode from behind the robot, at rows of its log."""
+    data = mujoco.MjData(model)
+    # Twice the size is drawn, for smooth edges. Without a graphics card, this takes a
+    # quarter of the time of the renderer's antialiasing.
+    camera = Camera(model, 2 * width, 3 * width // 2, "overview", effects=effects)
+    with contextlib.closing(camera):
+        for row in rows:
+            data.qpos[:] = log.motion.qpos[row]
+            mujoco.mj_forward(model, data)
+            yield Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
+
+
 def write_video(path: Path, log: EpisodeLog, model: Any) -> int:
     """Write an episode, complete or not at all (`OSError`); return how many images."""
     import imageio_ffmpeg
@@ -68,30 +79,18 @@ def write_video(path: Path, log: EpisodeLog, model: Any) -> int:
     times = np.append(np.arange(0.0, log.times[-1], 1.0 / RATE), log.times[-1])
     rows = np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
     pause = round(_PAUSE * RATE)
-    data = mujoco.MjData(model)
-    width, height = (_OVERSAMPLING * side for side in SIZE)
-    camera = Camera(model, width, height, "overview", effects=False)
-    with contextlib.closing(camera), complete_or_absent(path) as temporary:
+    with complete_or_absent(path) as temporary:
         # The temporary name has no suffix for the format.
         encoder = imageio_ffmpeg.write_frames(
-            temporary,
-            SIZE,
-            fps=RATE,
-            output_params=["-f", "mp4"],
+            temporary, SIZE, fps=RATE, output_params=["-f", "mp4"]
         )
         with contextlib.closing(encoder):
             encoder.send(None)
-            for row in progress_bar(rows, desc=path.name, unit=" images"):
-                data.qpos[:] = log.motion.qpos[row]
-                mujoco.mj_forward(model, data)
-                try:
-                    drawn = camera.picture("rgb_array", data)
-                except RuntimeError as error:
-                    raise OSError(f"--video: {error}") from error
-                image = np.array(Image.fromarray(drawn).reduce(_OVERSAMPLING))
-                encoder.send(image)
+            bar = progress_bar(rows, desc=path.name, unit=" images")
+            for image in episode_images(log, model, bar, SIZE[0], effects=False):
+                encoder.send(np.array(image))
             for _ in range(pause):
-                encoder.send(image)
+                encoder.send(np.array(image))
         # ffmpeg reports a full disk only on its standard error.
         written: int = imageio_ffmpeg.count_frames_and_secs(temporary)[0]
         if written != rows.size + pause:
