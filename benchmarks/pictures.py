@@ -1,9 +1,9 @@
 """Images and videos for the documents; what they show is in pictures.toml.
 
 MUJOCO_GL=egl python benchmarks/pictures.py COMMAND, each of which draws some of them:
-{gallery,films,recordings,readme,learners,figures}. docs/images/made-from.json says what
-an image shows, so that a test finds those that are older. Without a screen MUJOCO_GL
-must be set before Python starts.
+{gallery,films,recordings,readme,learners,insistence,figures}. What an image shows is in
+docs/images/made-from.json, so that a test finds those that are older. Without a screen
+MUJOCO_GL must be set before Python starts.
 """
 
 import contextlib
@@ -30,6 +30,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rerun.experimental import ViewerClient
 
 from gplfd_env.doors.config import door_config
+from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.data.importing import PICTURE, import_recordings
 from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
@@ -372,6 +373,28 @@ def learners() -> None:
         figure.savefig(path, format="svg", bbox_inches="tight", metadata={"Date": None})
 
 
+@style.paper_style()
+def insistence() -> None:
+    """Draw insistence.svg: what pulling harder or longer at closed doors trades."""
+    rows = read_json(_ROOT / "docs/results/insistence.json")["rows"]
+    shown, of_gp = _SHOWN["insistence"], _SHOWN["insistence"]["gp"]
+    figure, axes = plt.subplots(4, 2, sharex="col", sharey="row", layout="constrained")
+    figure.set_size_inches(style.PAGE, 5.0)
+    for column, varied, other in zip(axes.T, of_gp, reversed(of_gp), strict=True):
+        for axis, measure in zip(column, shown["measured"], strict=True):
+            axis.axvline(of_gp[varied], color=style.LIMIT, linestyle="--")
+            for row in (row for row in rows if row[other] == of_gp[other]):
+                dots = [np.mean(row[measure])] if measure == "opened" else row[measure]
+                look = {"color": style.ADAPTED, "clip_on": False, "alpha": 0.6}
+                axis.plot([row[varied]] * len(dots), dots, ".", **look)
+            axis.set(xlabel=shown["varied"][varied], ylabel=shown["measured"][measure])
+            axis.label_outer()
+    for axis in axes[:, 0]:
+        axis.set_ylim(0.0)
+    with made("insistence.svg") as path:
+        figure.savefig(path, format="svg", metadata={"Date": None})
+
+
 if __name__ == "__main__":
-    commands = (gallery, films, recordings, readme, learners, figures)
+    commands = (gallery, films, recordings, readme, learners, insistence, figures)
     tyro.extras.subcommand_cli_from_dict({made.__name__: made for made in commands})
