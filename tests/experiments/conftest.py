@@ -111,7 +111,6 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "stiffness": 300.0 * six,
         "stiffness_rate": 20.0 * six,
         "stability_margin": 80.0 * six,
-        "contact_margin": 0.01 * six,
         "compensated_load": 4.0 * one,
         "path_lag": 2e-3 * one,
         "phase": times / times[-1],

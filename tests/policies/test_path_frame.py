@@ -190,7 +190,7 @@ def test_admittance_in_a_frame_is_the_one_of_the_axes_seen_from_there(path, wren
     least=st.floats(0.0, 80.0),
     periods=st.integers(0, 3),
 )
-def test_contact_margin_is_that_of_the_whole_loop(path, stiffness, least, periods):
+def test_tolerated_delay_is_that_of_the_whole_loop(path, stiffness, least, periods):
     """By the eigenvalues of the loop of all three positions together."""
     assert np.ptp(HELD_HAND.stiffness[:3]) == 0.0
     frame, h, held = path_frame(path[0]), 0.01, 2000.0

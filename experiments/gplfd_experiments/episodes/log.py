@@ -117,7 +117,6 @@ class EpisodeDecisions(_Arrays):
     stiffness: PoseSeries
     stiffness_rate: PoseSeries
     stability_margin: PoseSeries
-    contact_margin: PoseSeries
     compensated_load: NumberSeries
     path_lag: NumberSeries
     phase: NumberSeries

@@ -220,7 +220,7 @@ class ComplianceController:
         response = self._load.update(contact, rows)
         target = self._advance(phase, command_phase, response, direction, rows)
         frame, governed = target.frame, target.governed
-        action, margin = self._renderer.command(
+        action = self._renderer.command(
             target.desired,
             target.velocity,
             governed.stiffness,
@@ -245,7 +245,6 @@ class ComplianceController:
             stiffness=governed.stiffness,
             stiffness_rate=governed.rate,
             stability_margin=governed.margin,
-            contact_margin=margin,
             compensated_load=response.compensated_load,
             path_lag=response.path_lag,
             phase=target.phase,

@@ -6,7 +6,6 @@ without force measurement.
 """
 
 import math
-from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -15,7 +14,7 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
-from gplfd_policies.control.stiffness import HELD_HAND, VirtualDynamics, product
+from gplfd_policies.control.stiffness import VirtualDynamics, product
 
 
 class Admittance:
@@ -95,7 +94,7 @@ class VirtualRendering(Admittance):
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...] = ()
     ) -> None:
         super().__init__(dynamics, shape)
-        self._period, self._held = period, replace(HELD_HAND, period=period)
+        self._period = period
 
     def displaced(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
         """Return how far hands have been displaced from their desired positions [m]."""
@@ -111,18 +110,13 @@ class VirtualRendering(Admittance):
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
-    ) -> tuple[Axes, Axes]:
-        """Return desired poses [m, rad] displaced by the compliant wrench [N, N m].
-
-        Also the delay that a held hand tolerates beyond the longest one [s].
-        """
+    ) -> Axes:
+        """Return desired poses [m, rad] displaced by the compliant wrench [N, N m]."""
         # The stiff arm exerts the compensated force without a lead.
         offset = self.step(stiffness, compliant_wrench, self._period, rows, frame)
         action: Axes = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
-        damping, held = self._dynamics.damping(stiffness), self._held
-        tolerated = held.tolerated_delay(stiffness, damping, self._dynamics.mass)
-        return action, tolerated - held.delay
+        return action
 
 
 class ArmRendering:
@@ -168,11 +162,8 @@ class ArmRendering:
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
-    ) -> tuple[Axes, Axes]:
-        """Return desired poses that lead by the compensated force and velocity.
-
-        Held hands tolerate every delay: there is no loop through the command.
-        """
+    ) -> Axes:
+        """Return desired poses that lead by the compensated force and velocity."""
         before = self._velocity[rows]
         smooth = self._velocity[rows] = before + self._share * (velocity - before)
         damping = self._dynamics.damping(stiffness)[..., :3]
@@ -181,4 +172,4 @@ class ArmRendering:
         rest = self._rest[rows] = desired[..., :3] - compensated_force / stiffest
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
-        return action, np.full(stiffness.shape, np.inf)
+        return action

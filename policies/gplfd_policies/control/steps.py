@@ -77,8 +77,6 @@ class AgentStep:
     """Rate of the stiffness over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Axes = _NAN
     """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
-    contact_margin: Axes = _NAN
-    """Delay that a held hand tolerates beyond the longest expected one [s]."""
     compensated_load: PerRow | float = _NAN
     """Resistance along the path that the hand bears without yielding [N]."""
     path_lag: PerRow | float = _NAN
