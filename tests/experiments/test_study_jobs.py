@@ -174,13 +174,14 @@ def test_a_policy_without_a_method_learns_once_per_door(opened, monkeypatch):
 
 
 def test_one_doors_error_leaves_the_others_alone(opened):
-    results = run_job(tuple(task("oracle", door) for door in (0.35, 0.65, 0.5)))
+    results = run_job(tuple(task("oracle", door) for door in (0.35, 0.42, 0.65, 0.5)))
     assert [result.get("error") for result in results] == [
-        *(None, "FloatingPointError: the door of 0.65 m came off", None)
+        *(None, None, "FloatingPointError: the door of 0.65 m came off", None)
     ]
-    assert "in fake" in results[1]["traceback"]
+    assert "in fake" in results[2]["traceback"]
     assert [call["doors"] for call in opened] == [
-        *(["0.35", "0.65", "0.5"], ["0.35"], ["0.65"], ["0.5"])
+        *(["0.35", "0.42", "0.65", "0.5"], ["0.35", "0.42"]),
+        *(["0.65", "0.5"], ["0.65"], ["0.5"]),
     ]
     assert opened[0]["envs"].closed
 
