@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies import AlignedDemonstrations
+from gplfd_policies.control.rendering import Admittance
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 
 GRID = np.linspace(0.0, 1.0, 101)
@@ -68,8 +70,17 @@ def forcing(dmp, clock):
     return x * (heights / heights.sum()) @ dmp.weights
 
 
-def test_rollout_solves_the_transformation_system(dmp):
-    """An independent integrator of the equation in the module's heading."""
+def push(clock):
+    """A force that varies in time [N, N m]."""
+    return np.sin(9.0 * clock + np.arange(6.0))
+
+
+@pytest.mark.parametrize("coupling", [0.0, 10.0])
+def test_rollout_solves_the_transformation_system(dmp, coupling):
+    """An independent integrator of the equation in the module's heading.
+
+    A coupling term c F displaces it like the admittance, Eq. (22), of mass 1/c.
+    """
     gain = 0.25 * dmp.config.alpha**2
     start = np.append(dmp.start[:3], dmp.start_error)
     goal = np.append(dmp.goal[:3], np.zeros(3))
@@ -77,18 +88,22 @@ def test_rollout_solves_the_transformation_system(dmp):
     def rate(clock, state):
         x = np.exp(-dmp.config.alpha_x * clock)
         pull = gain * (goal - state[:6] - (goal - start) * x)
-        push = pull - dmp.config.alpha * state[6:] + forcing(dmp, clock)
-        return np.append(state[6:], push)
+        drive = pull - dmp.config.alpha * state[6:] + forcing(dmp, clock)
+        return np.append(state[6:], drive + coupling * push(clock))
 
-    solved = solve_ivp(
-        rate,
-        (0.0, 1.0),
-        np.append(start, np.zeros(6)),
-        t_eval=GRID,
-        rtol=1e-9,
-        atol=1e-9,
-    )
+    initial, ends = np.append(start, np.zeros(6)), (0.0, 1.0)
+    solved = solve_ivp(rate, ends, initial, t_eval=GRID, rtol=1e-9, atol=1e-9)
     predicted = dmp.predict(GRID).mean
+    if coupling:
+        dynamics = VirtualDynamics(mass=np.full(6, 1.0 / coupling), damping_ratio=1.0)
+        admittance, stiffness = Admittance(dynamics), np.full(6, gain / coupling)
+        for now in np.linspace(0.0, 1.0, 10_000, endpoint=False) + 1e-4:
+            admittance.step(stiffness, push(now), 1e-4)
+        assert_allclose(
+            solved.y[:3, -1], predicted[-1, :3] + admittance.displacement[:3], atol=1e-4
+        )
+        assert np.abs(admittance.displacement[:3]).max() > 0.02
+        return
     assert_allclose(predicted[:, :3], solved.y[:3].T, atol=2e-6)
     turned = Rotation.from_rotvec(-solved.y[3:6].T) * Rotation.from_rotvec(goal_of(dmp))
     assert rotation_distance(turned.as_rotvec(), predicted[:, 3:]).max() < 2e-5
