@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
@@ -15,10 +15,8 @@ from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
     DEFAULT_PROFILE,
-    HELD_HAND,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
-    ContactLoop,
     VirtualDynamics,
     directional_std,
     path_frame,
@@ -182,28 +180,3 @@ def test_admittance_in_a_frame_is_the_one_of_the_axes_seen_from_there(path, wren
         expected = seen.step(stiffness, turned, 0.01)
         assert_allclose(frame.T @ stepped[:3], expected[:3], atol=1e-13)
         assert_array_equal(stepped[3:], expected[3:])
-
-
-@given(
-    path=tangents(1),
-    stiffness=arrays(np.float64, 6, elements=st.floats(100.0, 500.0)),
-    least=st.floats(0.0, 80.0),
-    periods=st.integers(0, 3),
-)
-def test_tolerated_delay_is_that_of_the_whole_loop(path, stiffness, least, periods):
-    """By the eigenvalues of the loop of all three positions together."""
-    assert np.ptp(HELD_HAND.stiffness[:3]) == 0.0
-    frame, h, held = path_frame(path[0]), 0.01, 2000.0
-    dynamics = VirtualDynamics(mass=np.ones(6), least_damping=np.full(6, least))
-    damping = dynamics.damping(stiffness)
-    mass, d = np.eye(3) / h**2, matrix(frame, damping) / h
-    # e' = A ((2M + D) e - M e⁻ - k_s e_q), A = (M + D + K)⁻¹, e_q of q periods before.
-    inverse = np.linalg.inv(mass + d + matrix(frame, stiffness))
-    loop = np.eye(3 * periods + 6, k=-3)
-    loop[:3, :6] = np.hstack([inverse @ (2.0 * mass + d), -inverse @ mass])
-    loop[:3, 3 * periods : 3 * periods + 3] -= held * inverse
-    modulus = np.abs(np.linalg.eigvals(loop)).max()
-    assume(abs(modulus - 1.0) > 1e-6)
-    model = ContactLoop(stiffness=np.full(6, held), delay=periods * h)
-    margin = model.tolerated_delay(stiffness, damping, dynamics.mass) - model.delay
-    assert (margin[:3].min() > 0.0) == (modulus < 1.0)
