@@ -33,7 +33,7 @@ from gplfd_env.doors.config import door_config
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.data.importing import PICTURE, import_recordings
 from gplfd_experiments.data.settings import ImportSettings
-from gplfd_experiments.episodes.build import demonstrations_of, make_environment
+from gplfd_experiments.episodes.build import demonstrations_of, model_of
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files.plain_data import read_json, write_json
 from gplfd_experiments.files.provenance import content_hash
@@ -96,13 +96,6 @@ def made(name: str) -> Iterator[Path]:
         yield temporary
     stored = read_json(_MADE_FROM) | {name: made_from()[name]}
     write_json(_MADE_FROM, dict(sorted(stored.items())))
-
-
-def model_of(task: EpisodeTask) -> mujoco.MjModel:
-    """Return the model of the scene of a task's episode."""
-    with contextlib.closing(make_environment(task, "pose")) as env:
-        env.reset(seed=task.reset_seed)
-        return env.unwrapped.model  # type: ignore[attr-defined]
 
 
 def write_gif(

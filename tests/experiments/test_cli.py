@@ -139,7 +139,7 @@ def test_a_run_that_ends_early_leaves_complete_files(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "rollout", fail)
+        patch.setattr(runs.build, "open_together", fail)
         assert refused(*run[:-3], "--out", "new") == "no pose"
     assert {file: file.read_bytes() for file in before} == before
     monkeypatch.setattr(runs, "record_episode", interrupt)

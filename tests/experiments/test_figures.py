@@ -288,12 +288,11 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
 def test_the_command_draws_some_figures(gplfd, tmp_path, make_log, monkeypatch):
     """Episodes by formula, and two figures, one of them with episodes."""
 
-    def short(*_, door, **__):
-        return make_log(n_steps=121, dt=0.05, door=door)
+    def short(tasks, *_, **__):
+        return [make_log(n_steps=121, dt=0.05, door=task.door) for task in tasks]
 
-    agent = SimpleNamespace(control="pose")
-    monkeypatch.setattr(module.build, "learned_agents", lambda *_: lambda: agent)
-    monkeypatch.setattr(module, "rollout", short)
+    monkeypatch.setattr(module.build, "learned_agents", lambda *_: object)
+    monkeypatch.setattr(module.build, "open_together", short)
     out = tmp_path / "out"
     for only in ("fig10", "fig03"):
         assert gplfd("figures", "--out", "out", "--only", only) == 0

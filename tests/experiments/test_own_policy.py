@@ -17,8 +17,10 @@ from gplfd_policies.registry.catalogue import policy_named
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_episodes")]
 
 OWN = """\
-import warnings; import numpy as np
+import warnings; import numpy as np; from dataclasses import replace
 from gplfd_policies import TrainingInput, make_agent
+from gplfd_policies.adaptation import NoAdaptation
+from gplfd_policies.registry.built_in import LEARNERS
 
 class Still:
     def act(self, observation):
@@ -31,12 +33,11 @@ def make(training: TrainingInput):
 def refusing(training):
     raise FileNotFoundError("no weights")
 
-class Leaving:
-    def act(self, observation):
+class Leaving(NoAdaptation):
+    def observe(self, via_point):
         raise SystemExit(0)
 
-def leaving(training):
-    return Leaving()
+leaving = replace(LEARNERS["promp"], adaptation=Leaving)
 
 def chatty(training):
     warnings.warn("the gain is zero")
@@ -92,17 +93,17 @@ def test_run_keeps_which_file_the_policy_came_from(module):
 
 @pytest.mark.usefixtures("policies_here")
 def test_an_error_in_the_policy_is_reported_with_its_place(module, capsys):
-    name, line = f"{module}:refusing", "line 13, in refusing"
+    name, line = f"{module}:refusing", "line 15, in refusing"
     place = f"FileNotFoundError: no weights ({module}.py, {line})"
     assert gplfd("run", "--policy", name, "--doors", "small", "--out", "out") == 2
     failed = f"gplfd: policy '{name}' failed with {place}"
     assert capsys.readouterr().err.splitlines()[-1] == failed
-    # An error at one door does not keep the others closed.
-    leaving = f"{module}:leaving"
+    # An error at one door does not keep the others closed, which it opens in lockstep.
+    leaving = f"{module}:leaving@no-size"
     run = ("run", "--policy", leaving, "--doors", "small", "0.42", "--out", "out")
     assert gplfd(*run) == 1
     metrics = json.loads(Path("out/metrics.json").read_text())
-    failed = f"SystemExit: 0 ({module}.py, line 17, in act)"
+    failed = f"SystemExit: 0 ({module}.py, line 19, in observe)"
     assert [one["error"].endswith(failed) for one in metrics] == [True, True]
     capsys.readouterr()
     study = ("benchmark", "--policies", name, *SHORT, "--out", "study")

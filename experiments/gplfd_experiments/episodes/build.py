@@ -14,6 +14,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 
 from gplfd_env import ENVIRONMENT_IDS
@@ -221,6 +222,13 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
         start=task.start,
         **arguments,
     )
+
+
+def model_of(task: EpisodeTask, control: Control = "pose") -> mujoco.MjModel:
+    """Return the model of the scene of a task's episode."""
+    with contextlib.closing(make_environment(task, control)) as env:
+        env.reset(seed=task.reset_seed)
+        return env.unwrapped.model  # type: ignore[attr-defined]
 
 
 def open_together(

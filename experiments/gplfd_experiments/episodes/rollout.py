@@ -38,7 +38,6 @@ def rollout(
     door: str,
     seed: int,
     forecast_period: float = 0.35,
-    on_step: Callable[[float, float], None] | None = None,
 ) -> EpisodeLog:
     """Let an agent act until the episode ends, and log everything.
 
@@ -50,8 +49,6 @@ def rollout(
         seed: Seed of the environment's reset.
         forecast_period: Simulated time between forecasts [s]; one more is taken
             before the first decision and one at the end.
-        on_step: Called after every step with the simulated time [s] and the angle of
-            the door [rad].
 
     Raises:
         ValueError: The agent returns no pose.
@@ -71,8 +68,6 @@ def rollout(
         state = {"times": now, "qpos": inner.data.qpos, "solved": info["success"]}
         latency = {"latency_s": cpu, "latency_wall_s": wall}
         rows.append(_row(observation, info, decision, state | latency))
-        if on_step is not None:
-            on_step(now, float(info["door_angle"]))
         if ended:
             names = {"policy": policy, "door": door, "seed": seed}
             arrays = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}

@@ -1,6 +1,5 @@
 """Draws the paper's figures from runs of this project."""
 
-import contextlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,6 @@ from gplfd_experiments.analysis.figures import learned, openings, style, synthet
 from gplfd_experiments.analysis.figures.style import POLICY, Material
 from gplfd_experiments.console import arguments, progress
 from gplfd_experiments.episodes import build
-from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
@@ -90,10 +88,7 @@ def material(doors: Iterable[str], seed: int) -> Material:
     demonstrations, logs = build.demonstrations_of(plain), {}
     if tasks:
         learned = build.learned_agents(tasks[0], policy_named(POLICY), demonstrations)
-    for task in progress.progress_bar(tasks, desc="episodes", unit="door"):
-        agent = learned()
-        with contextlib.closing(build.make_environment(task, agent.control)) as env:
-            logs[task.door] = rollout(
-                env, agent, policy=POLICY, door=task.door, seed=task.reset_seed
-            )
+        agents = [learned() for _ in tasks]
+        opened = build.open_together(tasks, agents, forecast_period=0.35)
+        logs = {log.door: log for log in opened}
     return Material(seed=seed, demonstrations=demonstrations, episodes=logs)

@@ -1,10 +1,9 @@
 """A run: learn once, open doors, and store metrics and recordings, or a data set."""
 
 import contextlib
-import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from logging import DEBUG
@@ -22,7 +21,6 @@ from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics, why_closed
-from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
@@ -50,8 +48,9 @@ def open_doors(
 ) -> list[dict[str, Any]]:
     """Learn once per kind of doors, open each door once, and write everything.
 
-    If the policy raises an error in acting, the other doors are still opened. Before
-    the first episode has ended, nothing is written. The options are stored.
+    Doors of one kind are opened in lockstep by a learner. If the policy raises an error
+    in acting, the other doors are still opened. Before the first episodes have ended,
+    nothing is written. The options are stored.
     """
     paths = {name: getattr(settings, name) for name in ("demonstrations", "skill")}
     absolute = {name: path and path.absolute() for name, path in paths.items()}
@@ -94,43 +93,41 @@ def open_doors(
         )
     started = time.perf_counter()
     labelled: dict[str, npz.LabelledDemonstrations] = {}
-    agents: dict[str, Agent] = {}
+    batches: dict[Hashable, list[tuple[EpisodeTask, Agent]]] = {}
     with build.reported_errors(settings.policy, policy):
         for key, alike in kinds.items():
             labelled[key], make = _learn(settings, alike, policy)
-            agents |= {task.door: make() for task in alike}
+            for task in alike:
+                # Only agents of a method are known to be alike.
+                own = task.door if policy.method is None else ""
+                batches.setdefault((key, task.base, own), []).append((task, make()))
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
-    metrics: list[dict[str, Any]] = []
-    for task in tasks:
-        started = time.perf_counter()
-        episode = _episode(task, agents[task.door], policy)
-        if not metrics:
+    rows: dict[str, dict[str, Any]] = {}
+    for task, episode in _opened([*batches.values()], policy):
+        if not rows:
             LOG.info("writing to %s", folder)
             kept = {files[key]: labelled[key] for key in kinds}
             sources = {task.door: files[task.demonstrations_key] for task in tasks}
             _write_origin(settings, folder, tasks, kept, sources, options)
         if isinstance(episode, dict):
-            metrics.append(episode)
+            rows[task.door] = episode
         else:
             log, model = episode
-            measured = episode_metrics(log)
-            metrics.append(measured)
+            rows[task.door] = measured = episode_metrics(log)
             log.save(folder / f"{task.door}.npz")
             demonstrations = labelled[task.demonstrations_key].demonstrations
             record_episode(folder / f"{task.door}.rrd", log, model, demonstrations)
             if file := videos.get(task.door):
-                images = video.write_video(file, log, model)
-                duration = images / video.RATE
-                LOG.info("wrote %s (%d pictures, %.1f s)", file, images, duration)
+                count = video.write_video(file, log, model)
+                LOG.info(f"wrote {file} ({count} pictures, {count / video.RATE:.1f} s)")
             if joint := _at_limit(log, model, body.arm):
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
             ended = f"not opened ({why})" if why else "opened"
-            angle, duration = measured["final_angle_deg"], measured["duration"]
-            reached = f"{angle:z.1f} deg in {duration:.1f} s"  # z: not -0.0
-            seconds = time.perf_counter() - started
-            LOG.info(f"{task.door}: {ended}, {reached} ({seconds:.1f} s)")
+            angle = f"{measured['final_angle_deg']:z.1f} deg"  # z: not -0.0
+            LOG.info(f"{task.door}: {ended}, {angle} in {measured['duration']:.1f} s")
+        metrics = [rows[task.door] for task in tasks if task.door in rows]
         write_json(folder / METRICS, metrics)
     return metrics
 
@@ -227,43 +224,42 @@ def _learn(
     return labelled, build.learned_agents(alike[0], policy, labelled)
 
 
-def _episode(
-    task: EpisodeTask, agent: Agent, policy: Policy
-) -> tuple[EpisodeLog, mujoco.MjModel] | dict[str, Any]:
-    """Open a door; return the log and the scene, or a failure by the policy's error."""
-    LOG.debug("%s: opening it with %s", task.door, task.policy)
-    try:
-        with (
-            contextlib.closing(build.make_environment(task, agent.control)) as env,
-            progress_bar(desc=task.door, unit=" s simulated") as bar,
-            build.reported_errors(task.policy, policy, acting=True),
-        ):
+def _opened(
+    batches: list[list[tuple[EpisodeTask, Agent]]], policy: Policy
+) -> Iterator[tuple[EpisodeTask, tuple[EpisodeLog, mujoco.MjModel] | dict[str, Any]]]:
+    """Open the doors of each batch in lockstep, or one by one if the policy fails.
 
-            def show(seconds: float, door_angle: float) -> None:
-                angle = math.degrees(door_angle)
-                bar.set_postfix_str(f"door at {round(angle)} deg", refresh=False)
-                bar.update(seconds - bar.n)
-
-            log = rollout(
-                env,
-                agent,
-                policy=task.policy,
-                door=task.door,
-                seed=task.reset_seed,
-                on_step=show,
-            )
-            return log, env.unwrapped.model  # type: ignore[attr-defined]
-    except build.PolicyError as error:
-        LOG.error("%s: %s", task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
-        return {
-            "policy": task.policy,
-            "door": task.door,
-            "radius": DoorConfig(**task.door_config).radius,
-            "seed": task.seed,
-            "error": str(error),
-            "success": False,
-            "failure": POLICY_ERROR,
-        }
+    Each task comes with its log and scene, or a failure by the policy's error.
+    """
+    for batch in batches:
+        (task, agent), *others = batch
+        tasks, agents = zip(*batch, strict=True)
+        try:
+            with (
+                progress_bar(desc="opening", unit=" steps") as bar,
+                build.reported_errors(task.policy, policy, acting=True),
+            ):
+                logs = build.open_together(
+                    tasks, agents, forecast_period=0.35, before_step=bar.update
+                )
+        except build.PolicyError as error:
+            if others:
+                batches += [[member] for member in batch]  # later in this loop
+                continue
+            LOG.error("%s: %s", task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
+            failure = {
+                "policy": task.policy,
+                "door": task.door,
+                "radius": DoorConfig(**task.door_config).radius,
+                "seed": task.seed,
+                "error": str(error),
+                "success": False,
+                "failure": POLICY_ERROR,
+            }
+            yield task, failure
+        else:
+            for task, log in zip(tasks, logs, strict=True):
+                yield task, (log, build.model_of(task, agent.control))
 
 
 def _write_origin(
