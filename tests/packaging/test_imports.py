@@ -3,7 +3,7 @@
 DRAW = "mujoco rerun glfw matplotlib sklearn scipy.stats scipy.signal"
 LEFT_OUT = {
     "gplfd_env": f"{DRAW} scipy gplfd_env.doors",
-    "gplfd_experiments.cli.main": f"{DRAW} scipy",
+    "gplfd_experiments.cli.main": f"{DRAW} scipy asyncio",
     "gplfd_experiments.cli.doctor": f"{DRAW} joblib scipy",
     "gplfd_env.task.opening": DRAW,
     "gplfd_policies; from gplfd_policies import *": f"{DRAW} scipy.optimize",

@@ -132,8 +132,7 @@ def catalogue() -> dict[str, Mapping[str, str]]:
     learners, references = SUMMARIES["learners"], SUMMARIES["references"]
     packaged: Mapping[str, str] = {}
     if importlib.metadata.entry_points(group="gplfd_policies"):
-        # It loads all policies, with SciPy.
-        from gplfd_policies.registry.catalogue import packaged_summaries
+        from gplfd_policies.registry.catalogue import packaged_summaries  # slow
 
         packaged = packaged_summaries([*learners, *references])
     return {

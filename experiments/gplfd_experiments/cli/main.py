@@ -14,11 +14,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Union, get_args
+from typing import Annotated, Any, Final, TextIO, Union, get_args
 
 import docstring_parser
 import tyro
-from tqdm.contrib.logging import logging_redirect_tqdm
+from tqdm import tqdm
 
 from gplfd_experiments.cli.commands import (
     demos,
@@ -57,6 +57,14 @@ COMMANDS: Final[Mapping[str, type[Any]]] = {
 OSError or ModuleNotFoundError."""
 
 
+class _AboveBars(logging.StreamHandler[TextIO]):
+    """Writes messages above progress bars; tqdm's own handler loads asyncio."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with tqdm.external_write_mode(self.stream):
+            super().emit(record)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse arguments (default: the process's own), run the command, return its status.
 
@@ -68,12 +76,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    # Messages go to stderr, each on a line of its own above progress bars.
-    handler = logging.StreamHandler()
+    handler = _AboveBars()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
     LOG.addHandler(handler)
     try:
-        with logging_redirect_tqdm([LOG]), warnings.catch_warnings():
+        with warnings.catch_warnings():
             # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())

@@ -18,9 +18,7 @@ from concurrent.futures import (
     wait,
 )
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
-
-import tyro
+from typing import Any, Literal, TypeVar
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -42,11 +40,11 @@ class Engine:
     """Where tasks run: loky (processes on this machine), serial (one after another in
     this process), or dask (a cluster; pip install 'gplfd[dask]')."""
 
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    workers: int | None = None
     """Number of processes of loky; one per core by default."""
 
-    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
-    """Scheduler of the Dask cluster."""
+    address: str | None = None
+    """Scheduler of the Dask cluster, tcp://HOST:PORT."""
 
     def check(self) -> None:
         """Raise ValueError for options that do not fit, or if Dask is not installed."""

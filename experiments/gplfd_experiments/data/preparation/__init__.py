@@ -86,9 +86,8 @@ def prepare(
             "doors with it, say --frame hinge"
         )
     if len(motions) >= 4:
-        with warnings.catch_warnings():
-            # Warnings about noise; they are issued when demonstrations are learned.
-            warnings.simplefilter("ignore", UserWarning)
+        # Warnings about noise are issued when demonstrations are learned.
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             demonstrations = [motion.demonstration for motion in motions]
             aligned = align(demonstrations, n_samples=_COMPARED, trim_rests=False)
         for place, text in outliers(list(aligned.poses)).items():

@@ -65,6 +65,7 @@ from gplfd_policies.arrays.records import FINEST, interpolated
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.demonstrations.alignment import task_completion_index
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.gp.exact import LOG_2PI
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     GaussianTrajectory,
@@ -514,11 +515,13 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
 
 def _excess(movement: Movement, seed: int) -> float | None:
     """Negative log density of z in other repetitions, above that of the truth."""
-    from scipy.stats import norm  # which takes a second to import
-
     rng = np.random.default_rng([seed, 1])
     wobble = smooth_functions(_JUDGED, _CORRELATION, 100, rng)
     std = _spread(_JUDGED)[:, None]
     drawn, predicted = std * wobble, movement.predict(_JUDGED)
-    got = norm.logpdf(drawn, predicted.mean[:, [2]], predicted.std[:, [2]])
-    return none_if_nan(float(np.mean(norm.logpdf(drawn, 0.0, std)) - np.mean(got)))
+    # `scipy.stats.norm.logpdf`, whose import takes a second, has the same bits.
+    truth, got = (
+        np.mean(-(((drawn - mean) / of) ** 2) / 2.0 - 0.5 * LOG_2PI - np.log(of))
+        for mean, of in ((0.0, std), (predicted.mean[:, [2]], predicted.std[:, [2]]))
+    )
+    return none_if_nan(float(truth - got))
