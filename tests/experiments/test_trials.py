@@ -51,13 +51,10 @@ from gplfd_policies.registry.catalogue import policy_named
 pytestmark = pytest.mark.slow
 
 MakeEpisode = Callable[..., dict[str, Any]]
-
-
 FEW: Any = {part: dataclasses.replace(of, seeds=2) for part, of in PARTS.items()}
 """The parts with two seeds, for time."""
 
 
-@functools.cache
 @functools.cache
 def tasks_of(part: ProtocolPart = "whole") -> tuple[EpisodeTask, ...]:
     with mock.patch.object(protocol, "PARTS", FEW):
