@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf
 from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_env.task.observation import Sensors
 
 pytestmark = pytest.mark.slow
@@ -40,25 +37,6 @@ def torque_on_leaf(
     hinge.qpos, hinge.qvel = angle, velocity
     inertia = hinge_inertia(model, data)
     return inertia * float(hinge.qacc[0])
-
-
-@settings(max_examples=30)
-@given(radius=st.floats(0.30, 0.65), angle=st.floats(0.0, DoorConfig().stop_angle))
-def test_handle_moves_on_the_closed_form_arc(radius, angle, door_alone):
-    model, data = door_alone(radius=radius)
-    data.joint("hinge").qpos = angle
-    mujoco.mj_forward(model, data)
-    frame, handle = data.site("task_frame"), data.site("handle")
-    axes = frame.xmat.reshape(3, 3)
-    expected = handle_pose_on_arc(radius, angle)
-    position = axes.T @ (handle.xpos - frame.xpos)
-    assert_allclose(position, expected[:3], atol=1e-12)
-    rotation = axes.T @ handle.xmat.reshape(3, 3)
-    turned = Rotation.from_rotvec(expected[3:]).as_matrix()
-    assert_allclose(rotation, turned, atol=1e-12)
-    reading = READER.door_reading(data.sensordata.tolist(), LeafPath())
-    assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
-    assert reading.angle == angle
 
 
 def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone):

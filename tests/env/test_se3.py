@@ -156,19 +156,15 @@ def test_relative_poses_match_homogeneous_matrices():
 # --- Paths that turn far -------------------------------------------------------------
 
 
-def test_unwrapping_restores_a_path_through_pi():
-    path = turning_path(300, turns=0.9)
-    assert np.linalg.norm(path[-1]) > np.pi
+TURNS = np.linspace(0.0, 4.5 * np.pi, 91)[:, None]  # Meets 2π and 4π exactly.
+FAR = [turning_path(300, 0.9), TURNS * [0.0, 0.6, -0.8], TURNS * [0.0, -0.6, 0.8]]
+
+
+@pytest.mark.parametrize("path", FAR, ids=["wandering", "two turns", "back"])
+def test_unwrapping_restores_a_path_through_pi(path):
     canonical = canonical_rotvec(path)
     assert np.abs(np.diff(canonical, axis=0)).max() > 3.0  # it does jump
     assert_allclose(unwrap_rotvecs(canonical), path, atol=1e-12)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_unwrapping_runs_through_two_turns_about_one_axis(sign):
-    angle = np.linspace(0.0, 4.5 * np.pi, 91)  # meets 2π and 4π exactly
-    path = sign * angle[:, None] * np.array([0.0, 0.6, -0.8])
-    assert_allclose(unwrap_rotvecs(canonical_rotvec(path)), path, atol=1e-12)
 
 
 def test_unwrapping_passes_the_identity_despite_rounding():
