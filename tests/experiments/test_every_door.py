@@ -62,12 +62,6 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path, reques
     np.testing.assert_array_equal(alone, together.motion.ee_pose[: len(alone)])
 
 
-def test_one_data_set_is_of_one_kind_of_doors(gplfd, capsys):
-    record = ("demos", "record", "--doors", "small", "room-834", "--policy", "oracle")
-    assert gplfd(*record) == 2
-    assert "record two data sets" in capsys.readouterr().err
-
-
 @pytest.mark.usefixtures("small_plots")
 def test_a_study_of_doors_of_several_kinds_can_be_read(gplfd, tmp_path, capsys):
     given = ("--doors", "room-834", "pushed.json", "--start", "approach")

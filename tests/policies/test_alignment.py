@@ -128,13 +128,6 @@ def test_denoising_costs_clean_demonstrations_little(n, clock, cost):
     assert_allclose(clean, raw, atol=cost)
 
 
-def test_noise_in_rests_is_not_progress():
-    recorded = demonstration(rests_at_both_ends, n=1000, noise=1e-3)
-    completion, _ = task_completion_index(recorded)
-    assert completion[350] < 0.02
-    assert completion[650] > 0.98
-
-
 def test_noisy_path_warns_with_ratio_and_remedy():
     noisy = demonstration(n=1000, noise=1e-3)
     with pytest.warns(UserWarning, match=r"1 of 1 .*up to \d\.\d\d times.*denoised"):
