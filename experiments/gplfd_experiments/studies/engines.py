@@ -119,6 +119,7 @@ class Engine:
             from joblib.externals.loky import get_reusable_executor
 
             number = self.workers or joblib.cpu_count()
+            warnings.filterwarnings("ignore", "A worker stopped")  # It is replaced.
 
             def executor() -> Any:  # A new one after the death of a worker.
                 return get_reusable_executor(number, initializer=_begin_worker)
