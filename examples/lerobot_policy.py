@@ -3,7 +3,7 @@
     GPLFD_LEARNED=CHECKPOINT gplfd trials --policies examples/lerobot_policy.py:make
 
 The folder `pretrained_model` of a policy without pictures, trained at 20 actions per
-second. Its episodes are those of `lerobot-eval`.
+second; several, joined as in PATH, take turns by the seed. As in `lerobot-eval`.
 """
 
 import os
@@ -50,5 +50,5 @@ class Checkpoint:
 
 
 def make(training):
-    """The policy in the folder that the environment variable GPLFD_LEARNED names."""
-    return Checkpoint(os.environ["GPLFD_LEARNED"])
+    folders = os.environ["GPLFD_LEARNED"].split(os.pathsep)
+    return Checkpoint(folders[training.seed % len(folders)])
