@@ -196,9 +196,9 @@ def verdict(answers: Answers, track: str = "learner") -> str:
     trials = TRACKS[track].trials
     shares = {p: by_seed(answers, trials, p) for p in ranked(answers, trials)}
     mean = shares["mean"]
-    shifts = {p: mean_shift(s, mean) for p, s in shares.items()}
     compared = {*TRACKS[track].policies}.difference(REFERENCES, ["mean"])
     learners = [policy for policy in shares if policy in compared]
+    shifts = {policy: mean_shift(shares[policy], mean) for policy in learners}
     corrected = holm([signed_rank(shares[policy], mean) for policy in learners])
     apart = sum(
         p_value <= 0.05 and abs(shifts[policy].estimate) >= SMALLEST_SHARE

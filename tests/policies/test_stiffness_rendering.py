@@ -38,7 +38,7 @@ def step(
 ):
     """Set-point of a hand that yields to a wrench and compensates a force."""
     yielding = {"compliant_wrench": wrench, "compensated_force": force}
-    return renderer.command(desired, velocity, stiffness, **yielding)[0]
+    return renderer.command(desired, velocity, stiffness, **yielding)
 
 
 def test_virtual_dynamics_displace_the_set_point_by_the_yielded_force_alone():

@@ -100,7 +100,7 @@ class ChunkAgent:
         desired, stiffness, none = action[:6], action[6:], np.zeros(3)
         if self._form == "admittance":
             wrench: Any = {"compliant_wrench": observation["wrench"]}
-            action, _ = self._rendering.command(
+            action = self._rendering.command(
                 desired, none, stiffness, **wrench, compensated_force=none
             )
         return AgentStep(action=action[:6], desired=desired, stiffness=stiffness)
