@@ -1,4 +1,4 @@
-"""Spaces of settings: published ones are the methods', tuned ones are policies."""
+"""Spaces of settings: published ones are the learners', tuned ones are policies."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,9 @@ from numpy.testing import assert_array_equal
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 from gplfd_policies import ViaPoint, align, policy_named
 from gplfd_policies.adaptation import begin_adaptation
-from gplfd_policies.gp.heteroscedastic import KerstingNoise
-from gplfd_policies.registry.built_in import PUBLISHED, SPACES, tuned
-from gplfd_policies.registry.method import profile_of_spread
+from gplfd_policies.agents.agent import shared_in_batch
+from gplfd_policies.registry.built_in import LEARNERS, SPACES, tuned
+from gplfd_policies.registry.method import Method, profile_of_spread
 
 pytestmark = pytest.mark.slow
 
@@ -24,15 +24,15 @@ def adapted(method, movement):
 
 
 @pytest.mark.parametrize("name", SPACES)
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_published_settings_are_those_of_the_registered_method(
+def test_published_settings_are_those_of_the_learner_in_the_default_pipeline(
     name, demonstrations, learned
 ):
-    registered = PUBLISHED[name]
-    again = tuned(name, SPACES[name].published).method
+    registered = Method(learner=LEARNERS[name])
+    again = tuned(name, {}).method
     assert again.pipeline.config == registered.pipeline.config
-    if name == "gp-paper":  # of which `learned` shortens the search
-        assert again.learner.fit.keywords["noise"] == KerstingNoise()
+    movement = learned(registered, demonstrations)
+    agents = (again.follow(movement), registered.follow(movement))
+    assert shared_in_batch(agents[0]) == shared_in_batch(agents[1])
     ours, theirs = (
         adapted(method, learned(method, demonstrations))
         for method in (again, registered)
@@ -46,7 +46,10 @@ def test_both_ends_of_every_setting_are_a_method(name):
     for end in ("low", "high"):
         settings = SPACES[name].settings.items()
         values = {setting: getattr(limits, end) for setting, limits in settings}
-        assert tuned(name, values).method != PUBLISHED[name]
+        method = tuned(name, values).method
+        assert (method.learner.fit == LEARNERS[name].fit) == (name == "mean")
+        assert method.pipeline.config.via_std[0] == 2e-3 * values["via_std_factor"]
+        assert method.pipeline.phases.keywords["config"].similarity.size_std in (0.1, 1)
 
 
 def test_a_tuned_policy_has_the_settings_and_says_them():
@@ -54,14 +57,13 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
     assert policy.summary == "gmr, tuned: components 5, regularisation 0.001"
     config = policy.method.learner.fit.keywords["config"]
     assert (config.components, config.regularisation) == (5, 1e-3)
+    profile = tuned("gmr", {"resolution": 3e-4}).method.pipeline.profile
+    assert profile.keywords["resolution"] == (3e-4, 3e-2)
 
 
 @pytest.mark.parametrize(
     ("name", "resolution"),
-    [
-        *[("gp", 1e-4), ("promp", 1e-4)],
-        *[("promp@published", 3e-4), ("kmp@tuned", 1e-3), ("promp@tuned", 1e-4)],
-    ],
+    [("gp", 1e-4), ("promp", 1e-4), ("promp@published", 3e-4)],
 )
 def test_chosen_resolution_is_that_of_the_stiffness_law(
     name, resolution, demonstrations

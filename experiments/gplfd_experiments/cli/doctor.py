@@ -149,7 +149,7 @@ def catalogue() -> dict[str, Mapping[str, str]]:
         "learners, in one pipeline (or your own: module:attribute)": learners,
         "pipelines (of a learner, after an @: gmr@published, gp@no-size+no-modes)": {
             "published": "as the authors published the method, without shared parts",
-            "tuned": "as published, with the settings that tuning found",
+            "tuned": "learner and pipeline with the settings that tuning found",
             **SUMMARIES["parts"],
         },
         "references (policies that do not learn)": references,

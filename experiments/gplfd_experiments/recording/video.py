@@ -59,7 +59,10 @@ def check_video() -> None:
 def episode_images(
     log: EpisodeLog, model: Any, rows: Iterable[int], width: int, *, effects: bool
 ) -> Iterator[Image.Image]:
-    """Yield 4:3 images of an episode from behind the robot, at rows of its log."""
+    """Yield 4:3 images of an episode from behind the robot, at rows of its log.
+
+    Raises OSError if OpenGL fails.
+    """
     data = mujoco.MjData(model)
     # Twice the size is drawn, for smooth edges. Without a graphics card, this takes a
     # quarter of the time of the renderer's antialiasing.
@@ -68,7 +71,11 @@ def episode_images(
         for row in rows:
             data.qpos[:] = log.motion.qpos[row]
             mujoco.mj_forward(model, data)
-            yield Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
+            try:
+                drawn = camera.picture("rgb_array", data)
+            except RuntimeError as error:
+                raise OSError(f"a picture was not drawn: {error}") from error
+            yield Image.fromarray(drawn).reduce(2)
 
 
 def write_video(path: Path, log: EpisodeLog, model: Any) -> int:

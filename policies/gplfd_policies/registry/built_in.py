@@ -4,10 +4,10 @@ Every policy that learns a movement is a learner in a pipeline. The default pipe
 the same for all. ``name@published`` is a method as its authors published it,
 ``name@no-size`` a learner in a pipeline without a part.
 
-Each method has a space of the settings that its authors would tune, with plausible
-limits in ``spaces.toml``, which ``benchmarks/tune.py`` searches. The best settings
-found are in ``tuned.json``; ``name@tuned`` is the published method with them. The
-controller is not included, but for the resolution of its stiffness law.
+The learners that are compared have spaces of settings, with plausible limits in
+``spaces.toml``: their authors' and, alike for all, those of the shared pipeline.
+``benchmarks/tune.py`` searches them; the best settings found are in ``tuned.json``, and
+``name@tuned`` is the learner in the shared pipeline with them.
 """
 
 import json
@@ -54,7 +54,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
-from gplfd_policies.gp.heteroscedastic import KerstingNoise, MapNoise
+from gplfd_policies.gp.heteroscedastic import MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
@@ -314,7 +314,7 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
             policy, summary=f"{policy.summary}; as published", make=PUBLISHED[name]
         )
     if pipeline == "tuned" and name in tuned_settings():
-        return tuned(name, tuned_settings()[name], SPACES[name].resolution)
+        return tuned(name, tuned_settings()[name])
     changed, summary = method.pipeline, [policy.summary]
     for part in pipeline.split("+"):
         if part not in PARTS:
@@ -349,51 +349,44 @@ class Setting(NamedTuple):
 
 
 class Space(NamedTuple):
-    """The settings of a method, which are tuned."""
+    """The settings of a learner and of its pipeline, which are tuned."""
 
-    config: Callable[..., object]
-    """Makes the configuration of the fit from the settings."""
     settings: Mapping[str, Setting]
-    """By name; all but ``via_std_factor`` are arguments of ``config``."""
+    """By name: those of the pipeline, and arguments of `config`."""
+    config: Callable[..., object] | None = None
+    """Makes the configuration of the fit from the others; None if it has none."""
     argument: str = "config"
     """Name of the fit's argument for this configuration."""
-    resolution: float = 1e-4
-    """Resolution of the stiffness law with the tuned settings [m]."""
 
     @property
     def published(self) -> Values:
-        """The settings with which the method is registered."""
+        """The settings of the learner in the default pipeline."""
         return {name: setting.published for name, setting in self.settings.items()}
 
 
-def _space(config: Callable[..., object], entry: Mapping[str, Any]) -> Space:
-    """Return the space for a table of spaces.toml."""
-    settings = {name: Setting(**entry["settings"][name]) for name in entry["settings"]}
-    return Space(config, **{**entry, "settings": settings})
-
-
-_SPACES: Final = tomllib.loads(
-    Path(__file__).with_name("spaces.toml").read_text("utf-8")
-)
+_SPACES: Final = {
+    name: {setting: Setting(**limits) for setting, limits in settings.items()}
+    for name, settings in tomllib.loads(
+        Path(__file__).with_name("spaces.toml").read_text("utf-8")
+    ).items()
+}
+_FITS: Final[Mapping[str, tuple[Any, ...]]] = {
+    "mean": (),
+    "dmp": (partial(DMPConfig, spread=True),),
+    "promp": (ProMPConfig,),
+    "prodmp": (ProDMPConfig,),
+    "gmr": (GMRConfig,),
+    "kmp": (KMPConfig,),
+    "gmm-gp": (GMMGPConfig,),
+    "gp": (MapNoise, "noise"),
+}
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
-        name: _space(config, _SPACES[name])
-        for name, config in {
-            "dmp": DMPConfig,
-            "promp": ProMPConfig,
-            "gmr": GMRConfig,
-            "tp-gmm": GMRConfig,
-            "local-gp": LocalGPConfig,
-            "wishart-gp": WishartGPConfig,
-            "kmp": KMPConfig,
-            "gmm-gp": GMMGPConfig,
-            "prodmp": ProDMPConfig,
-            "gp-paper": KerstingNoise,
-            "gp": MapNoise,
-        }.items()
+        name: Space(_SPACES["pipeline"] | _SPACES.get(name, {}), *fit)
+        for name, fit in _FITS.items()
     }
 )
-"""The spaces of the methods of Table 1 and of the additional ones, by policy."""
+"""The spaces of the learners that are compared, by name."""
 
 
 def tuned_settings() -> Mapping[str, Values]:
@@ -405,23 +398,31 @@ def tuned_settings() -> Mapping[str, Values]:
     }
 
 
-def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
-    """Return a published method with other settings; the resolution is in metres."""
-    space, method = SPACES[name], PUBLISHED[name]
-    settings, pipeline = dict(values), method.pipeline
-    if "via_std_factor" in settings:
-        factor = settings.pop("via_std_factor")
-        position, rotation = pipeline.config.via_std
-        via_std = (factor * position, factor * rotation)
-        config = replace(pipeline.config, via_std=via_std)
-        pipeline = replace(pipeline, config=config)
-    if not isinstance(pipeline.profile, StiffnessProfile):
-        profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-        pipeline = replace(pipeline, profile=profile)
-    learner = method.learner
-    fit = partial(learner.fit, **{space.argument: space.config(**settings)})
-    text = ", ".join(f"{setting} {value}" for setting, value in values.items())
+def tuned(name: str, values: Values) -> Policy:
+    """Return a learner in the shared pipeline with other settings of both.
+
+    ``resolution`` is that of the stiffness law [m]; ``size_std`` that of the prior of a
+    door's size; and ``via_std_factor`` multiplies the noise of via-points.
+    """
+    space, learner, pipeline = SPACES[name], LEARNERS[name], Pipeline()
+    own = {**space.published, **values}
+    resolution, size_std, factor = (own.pop(each) for each in _SPACES["pipeline"])
+    position, rotation = pipeline.config.via_std
+    via_std = factor * position, factor * rotation
+    pipeline = replace(
+        pipeline,
+        profile=partial(profile_of_spread, resolution=(resolution, 3e-2)),
+        phases=partial(
+            PathPhase,
+            config=PathPhaseConfig(similarity=SimilarityConfig(size_std=size_std)),
+        ),
+        config=replace(pipeline.config, via_std=via_std),
+    )
+    if space.config is not None:
+        fit = partial(learner.fit, **{space.argument: space.config(**own)})
+        learner = replace(learner, fit=fit)
+    text = ", ".join(f"{setting} {value:.3g}" for setting, value in values.items())
     return Policy(
         summary=f"{name}, tuned: {text.replace('_', ' ')}",
-        make=Method(learner=replace(learner, fit=fit), pipeline=pipeline),
+        make=Method(learner=learner, pipeline=pipeline),
     )
