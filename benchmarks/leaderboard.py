@@ -7,7 +7,6 @@ Student's interval; other measures are the Hodges-Lehmann estimate with its inte
 (95 % each).
 """
 
-import functools
 import re
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -55,8 +54,7 @@ def published() -> list[Path]:
     return [*filter(Path.exists, [STORED]), *sorted(SUBMISSIONS.glob("*.zip"))]
 
 
-@functools.cache  # tables of the pages ask again and again
-def submitted(archive: Path) -> Mapping[str, Any]:
+def submitted(archive: Path) -> dict[str, Any]:
     """Return what trials.json would hold of the foreign policies of an archive.
 
     They are named after policy and archive, and have an entry ``knows``.

@@ -1,12 +1,12 @@
 """Does a ranking survive other draws? python benchmarks/robustness.py FOLDER.
 
-The track *learner* of the protocol again: with fresh seeds, with demonstrations of a
-second synthetic human, with another arm, with other friction, servo and sensors, and
-with tuned settings on the fresh seeds. Learners are ranked by the share of opened
-doors and by the radial force that lasts for 20 ms; ranks are compared with those that
-the seeds of the protocol give, by Kendall's tau. Writes docs/results/robustness.json.
+The track *learner* of the protocol again, under the variants of robustness.toml.
+Learners are ranked by the share of opened doors and by the radial force that lasts for
+20 ms; ranks are compared with those that the seeds of the protocol give, by Kendall's
+tau. Writes docs/results/robustness.json.
 """
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,44 +34,25 @@ from gplfd_policies.registry.catalogue import split_name
 
 STORED: Final = Path(__file__).parents[1] / "docs/results/robustness.json"
 FORCE: Final = "force_radial_20ms"
-VARIANTS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "seeds of the protocol": {},
-    "fresh seeds": {"first_seed": 120},
-    "second synthetic human": {"taught_by": "second"},
-    "another arm": {"robot": "panda-like"},
-    "friction, servo, sensors": {},
-    "tuned, fresh seeds": {"first_seed": 120},
-}
-"""Arguments of `trial_tasks`."""
-DRAWS: Final = {
-    "hinge_friction": [1.0, 4.0],
-    "hinge_damping": [0.5, 2.0],
-    "shortest_delay": 1,
-    "longest_delay": 1,
-    "pose_noise": [0.001, 0.004],
-    "wrench_noise": [0.6, 0.04],
-}
-"""Of other friction, servo and sensors; those of a condition come first."""
+VARIANTS: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+"""What differs from the track, by the name of the variant."""
 
 
 def tasks_of(name: str, seeds: int) -> list[EpisodeTask]:
     """Return the episodes of a variant."""
-    policies = list(TRACKS["learner"].policies)
-    if name.startswith("tuned"):
-        policies = [f"{p}@tuned" if p in SPACES else p for p in policies]
-    trials, arguments = named_trials(TRACKS["learner"].trials), VARIANTS[name]
-    tasks = [
-        task
-        for task in trial_tasks(trials, only=policies, seeds=seeds, **arguments)
-        if task.prior_radius is None
-    ]
-    if not name.startswith("friction"):
-        return tasks
-    draws: list[Any] = [task.randomization for task in tasks]
-    own = [{} if draw == "none" else draw for draw in draws]
+    arguments, policies = dict(VARIANTS[name]), list(TRACKS["learner"].policies)
+    draws = arguments.pop("draws", {})
+    if pipeline := arguments.pop("pipeline", ""):
+        policies = [f"{p}@{pipeline}" if p in SPACES else p for p in policies]
+    trials = named_trials(TRACKS["learner"].trials)
+    tasks = trial_tasks(trials, only=policies, seeds=seeds, **arguments)
+    own: list[Any] = [task.randomization for task in tasks]
     return [
-        replace(task, randomization=DRAWS | each)
-        for task, each in zip(tasks, own, strict=True)
+        replace(task, randomization=draws | ({} if drawn == "none" else drawn))
+        if draws
+        else task
+        for task, drawn in zip(tasks, own, strict=True)
+        if task.prior_radius is None
     ]
 
 
@@ -79,16 +60,15 @@ def numbers_of(episodes: Sequence[EpisodeResult]) -> dict[str, dict[str, float]]
     """Return the share of opened doors, and the median force [N], by policy."""
     numbers: dict[str, dict[str, float]] = {}
     for policy in TRACKS["learner"].policies:
-        by_level: dict[tuple[str, str], list[EpisodeResult]] = {}
-        for episode in episodes:
-            if split_name(episode.policy)[0] == policy and episode.counts:
-                place = episode.task.trial, episode.task.level
-                by_level.setdefault(place, []).append(episode)
-        if by_level:
-            levels = by_level.values()
-            shares = [fmean(e.solved for e in level) for level in levels]
-            forces = [e.metrics[FORCE] for level in levels for e in level if e.solved]
-            numbers[policy] = {"success": fmean(shares), FORCE: median(forces)}
+        levels: dict[tuple[str, str], list[bool]] = {}
+        ran = [e for e in episodes if split_name(e.policy)[0] == policy and e.counts]
+        for episode in ran:
+            place = episode.task.trial, episode.task.level
+            levels.setdefault(place, []).append(episode.solved)
+        if ran:
+            forces = [episode.metrics[FORCE] for episode in ran if episode.solved]
+            share = fmean(map(fmean, levels.values()))
+            numbers[policy] = {"success": share, FORCE: median(forces)}
     return numbers
 
 
@@ -119,8 +99,7 @@ def main(folder: tyro.conf.Positional[Path], *, seeds: int = 20) -> None:
     taus = {name: agreement(numbers[first], numbers[name]) for name in others}
     content = {**code_state(), "seeds": seeds, "numbers": numbers, "kendall": taus}
     write_json(STORED, content)
-    for name, tau in taus.items():
-        print(name, tau)
+    print(taus)
 
 
 if __name__ == "__main__":

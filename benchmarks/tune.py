@@ -4,15 +4,12 @@
 command resumes the evaluations in DIR/tuning.db. DIR/tuned.json has the best settings;
 as ``policies/gplfd_policies/registry/tuned.json`` it defines ``<name>@tuned``.
 
-No condition of the protocol has these doors or seeds. The objective was fixed before
-any measurement. It is the mean of two ranks among a learner's candidates: by the mean
-negative log predictive density of demonstrations left out, and by the task, first the
-doors that stayed closed, then the median radial force that lasts for 20 ms. Ties are
-decided by the task, then by the order; the published settings are first.
+docs/notes/methods.md has the objective, which was fixed before any measurement. Of a
+candidate's two ranks the first is by density, the second by closed doors and force.
 """
 
+import functools
 import itertools
-import json
 import statistics
 import sys
 import warnings
@@ -43,13 +40,10 @@ WORST: Final = 1e100  # for a candidate that raises an error or predicts no dens
 def proposed(policy: str, trial: optuna.Trial) -> Values:
     """Return the settings of a candidate."""
     values: dict[str, int | float] = {}
-    for name, setting in SPACES[policy].settings.items():
-        low, high = setting.low, setting.high
-        if isinstance(setting.published, int):
-            values[name] = trial.suggest_int(name, int(low), int(high))
-        else:
-            scale = setting.logarithmic
-            values[name] = trial.suggest_float(name, low, high, log=scale)
+    for name, (published, low, high, scale) in SPACES[policy].settings.items():
+        whole = isinstance(published, int)
+        suggest: Any = trial.suggest_int if whole else trial.suggest_float
+        values[name] = suggest(name, low, high, log=scale)
     return values
 
 
@@ -58,16 +52,10 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
     candidate = tuned(policy, proposed(policy, trial))
     assert candidate.method is not None
     densities, tasks = [], []
+    shared: Any = {"demonstrations_per_door": PER_DOOR, "randomization": NOISE}
     for seed in SEEDS:
         opened = [
-            episode_task(
-                door,
-                config,
-                policy=policy,
-                seed=seed,
-                demonstrations_per_door=PER_DOOR,
-                randomization=NOISE,
-            )
+            episode_task(door, config, policy=policy, seed=seed, **shared)
             for door, config in named_doors(DOORS).items()
         ]
         tasks += opened
@@ -79,10 +67,8 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
                 left_out = folds.aligned_to(demonstration, movement.aligned)
                 nlpd = prediction_scores(movement, left_out)["nlpd"]
                 densities.append(WORST if nlpd is None else nlpd)
-    make = {
-        task.training_key: build.learned_agents(task, candidate)
-        for task in {task.training_key: task for task in tasks}.values()
-    }
+    lessons = {task.training_key: task for task in tasks}
+    make = {k: build.learned_agents(task, candidate) for k, task in lessons.items()}
     metrics: list[dict[str, Any]] = []
     tasks.sort(key=lambda task: task.base)  # of the scenes in one lockstep
     for _, alike in itertools.groupby(tasks, lambda task: task.base):
@@ -97,6 +83,7 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
 def main(folder: Path, policies: tuple[str, ...]) -> None:
     """Evaluate missing candidates and write the best."""
     folder.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore", UserWarning)
     results = {}
     for policy in policies:
         study = optuna.create_study(
@@ -109,13 +96,11 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
         if not study.trials:
             study.enqueue_trial(dict(SPACES[policy].published))
         done = sum(trial.state.is_finished() for trial in study.trials)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            study.optimize(
-                lambda trial, policy=policy: objective(policy, trial),
-                n_trials=max(EVALUATIONS - done, 0),
-                catch=(Exception,),
-            )
+        study.optimize(
+            functools.partial(objective, policy),
+            n_trials=max(EVALUATIONS - done, 0),
+            catch=(Exception,),
+        )
         values = [trial.values or [WORST] * 3 for trial in study.trials]
         tasks = [tuple(numbers[1:]) for numbers in values]
         ranks = rankdata([numbers[0] for numbers in values])
@@ -123,10 +108,10 @@ def main(folder: Path, policies: tuple[str, ...]) -> None:
         best = min(range(len(values)), key=lambda k: (ranks[k], tasks[k], k))
         results[policy] = {
             name: {"settings": study.trials[k].params, "values": values[k]}
-            for name, k in (("published", 0), ("tuned", best))
+            for name, k in {"published": 0, "tuned": best}.items()
         }
     write_json(folder / "tuned.json", provenance({}) | {"policies": results})
-    print(json.dumps(results, indent=1))
+    print(f"wrote {folder / 'tuned.json'}")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import itertools
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
@@ -29,6 +29,7 @@ from typing import Any, Final
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import leaderboard as board
 
+import gplfd_policies
 from gplfd_experiments.analysis.results.statistics import number_text
 from gplfd_experiments.analysis.results.trials import (
     MEASURES,
@@ -40,6 +41,7 @@ from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS, Trial
 
 RESULTS: Final = Path(__file__).with_name("results")
+TUNED: Final = Path(gplfd_policies.__file__).with_name("registry") / "tuned.json"
 MACRO: Final = re.compile(r"\{\{ ([^{}]+) \}\}")
 BLOCK: Final = re.compile(r"<!-- results: ([\w -]+?) -->(?:\n.*?\n<!-- end -->)?", re.S)
 
@@ -293,13 +295,33 @@ def robustness() -> Table | str:
     return Table(columns=("policy", *variants), rows=(*rows, ("Kendall's tau", *texts)))
 
 
+def tuning() -> Table | str:
+    """Return what tuning found: shipped and tuned settings of each learner."""
+    learners = read_json(TUNED)["policies"]
+    rows = []
+    for learner, ways in learners.items():
+        for way, title in (("published", "shipped"), ("tuned", "tuned")):
+            density, closed, force = ways[way]["values"]
+            settings = ways[way]["settings"].items()
+            text = ", ".join(f"`{name}` {value:.3g}" for name, value in settings)
+            numbers = (number_text(density, 2), f"{closed:.0f}", f"{force:.2f}")
+            rows.append((f"`{learner}`", title, *numbers, text))
+    heads = ("learner", "settings", "NLPD", "closed of 18", "force [N]", "values")
+    return Table(columns=heads, rows=tuple(rows)) if rows else board.NOT_RUN
+
+
+@functools.cache  # many tables are of the same files
+def _answers(files: Sequence[Path]) -> board.Answers:
+    return board.answers_of(files)
+
+
 def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
     """Return what makes a table of the present protocol, once it was run."""
 
     def made(*track: str) -> Table | str:
         if not board.STORED.exists():
             return board.NOT_RUN
-        return make(board.answers_of(board.published()), *track)
+        return make(_answers(tuple(board.published())), *track)
 
     return made
 
@@ -312,6 +334,7 @@ BLOCKS: Final[Mapping[str, Callable[..., Table | str]]] = {
     "track": _of_answers(board.leaderboard),
     "tracks": _of_answers(overview),
     "trials": _of_answers(by_trial),
+    "tuning": tuning,
     "verdict": _of_answers(board.verdict),
 }
 """Tables and texts by the first word of the names that pages use; some need a track."""

@@ -3,26 +3,36 @@
     GPLFD_LEARNED=CHECKPOINT gplfd trials --policies examples/lerobot_policy.py:make
 
 The folder `pretrained_model` of a policy without pictures, trained at 20 actions per
-second; several, joined as in PATH, take turns by the seed. As in `lerobot-eval`.
+second; several, joined as in PATH, take turns by the seed. As in `lerobot-eval`; by
+`make_compliant`, virtual dynamics yield with the policy's stiffness, or with 500 N/m.
 """
 
 import os
 from collections import deque
 
+import numpy as np
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
-from gplfd_env.conventions.constants import TASK
+from gplfd_env.conventions.constants import CONTROL_PERIOD, TASK
 from gplfd_env.envs.waypoints import SIZES, Waypoints, seen
+from gplfd_policies.control.rendering import VirtualRendering
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS
 
 RATE = 20  # actions per second
+STIFFNESS = np.repeat([500.0, 50.0], 3)  # [N/m, N m/rad]
 
 
 class Checkpoint:
     """An agent that asks the policy for an action when the last one is carried out."""
 
-    def __init__(self, folder):
+    @property
+    def control(self):
+        return self.waypoints.control
+
+    def __init__(self, folder, seed):
+        self.seed = seed
         config = PreTrainedConfig.from_pretrained(folder)
         kind = get_policy_class(config.type)
         self.policy = kind.from_pretrained(folder, config=config).eval()
@@ -30,18 +40,20 @@ class Checkpoint:
         (size,) = config.output_features["action"].shape
         (form,) = (form for form, numbers in SIZES.items() if numbers == size)
         self.waypoints = Waypoints(RATE, form)
-        self.control = self.waypoints.control
 
     def reset(self, observation):
         self.policy.reset()
         self.waypoints.reset(observation["ee_pose"])
-        self.commands = deque()
+        self.commands, self.asked = deque(), 0
 
     def act(self, observation):
         if not self.commands:
             state, wrench = map(torch.from_numpy, seen(observation).values())
             batch = {"observation.state": state[None], "task": [TASK]}
             batch["observation.environment_state"] = wrench[None]
+            # Episodes in lockstep draw alike, each as if alone.
+            torch.manual_seed(1000 * self.seed + self.asked)
+            self.asked += 1
             with torch.inference_mode():
                 action = self.after(self.policy.select_action(self.before(batch)))[0]
             hand = observation["ee_pose"]
@@ -49,6 +61,26 @@ class Checkpoint:
         return self.commands.popleft()
 
 
-def make(training):
+class CompliantCheckpoint(Checkpoint):
+    """Displaces the poses by the force on the hand, like `gp`."""
+
+    control = "pose"
+
+    def reset(self, observation):
+        super().reset(observation)
+        self.admittance = VirtualRendering(DEFAULT_DYNAMICS, CONTROL_PERIOD)
+
+    def act(self, observation):
+        pose, stiffness = np.split(super().act(observation), [6])
+        stiffness, none = stiffness if stiffness.size else STIFFNESS, np.zeros(3)
+        wrench = {"compliant_wrench": observation["wrench"], "compensated_force": none}
+        return self.admittance.command(pose, none, stiffness, **wrench)
+
+
+def make(training, kind=Checkpoint):
     folders = os.environ["GPLFD_LEARNED"].split(os.pathsep)
-    return Checkpoint(folders[training.seed % len(folders)])
+    return kind(folders[training.seed % len(folders)], training.seed)
+
+
+def make_compliant(training):
+    return make(training, CompliantCheckpoint)

@@ -56,11 +56,15 @@ def test_a_video_per_door_shows_the_whole_episode(gplfd, tmp_path, capsys):
     assert f"wrote {folder / 'op-small.mp4'}" in capsys.readouterr().err
 
 
-def test_without_encoder_or_opengl_nothing_is_written(refused, monkeypatch):
+def test_no_video_without_encoder_or_opengl(gplfd, refused, monkeypatch, capsys):
     command = (*ORACLE, "--video", "op.mp4", "--out", "o")
     picture = mock.Mock(side_effect=RuntimeError("no picture without OpenGL"))
     monkeypatch.setattr(Camera, "picture", picture)
     assert "--video: no picture without OpenGL" in refused(*command)
+    with monkeypatch.context() as later:
+        later.setattr(runs.video, "check_video", lambda: None)
+        assert gplfd(*command) == 2
+    assert "not drawn: no picture without OpenGL" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert "pip install 'gplfd[video]'" in refused(*command)
 

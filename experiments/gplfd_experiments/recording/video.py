@@ -59,10 +59,7 @@ def check_video() -> None:
 def episode_images(
     log: EpisodeLog, model: Any, rows: Iterable[int], width: int, *, effects: bool
 ) -> Iterator[Image.Image]:
-    """Yield 4:3 images of an episode from behind the robot, at rows of its log.
-
-    Raises OSError if OpenGL fails.
-    """
+    """Yield 4:3 images from behind the robot, at rows of a log; may raise OSError."""
     data = mujoco.MjData(model)
     # Twice the size is drawn, for smooth edges. Without a graphics card, this takes a
     # quarter of the time of the renderer's antialiasing.
@@ -72,10 +69,9 @@ def episode_images(
             data.qpos[:] = log.motion.qpos[row]
             mujoco.mj_forward(model, data)
             try:
-                drawn = camera.picture("rgb_array", data)
+                yield Image.fromarray(camera.picture("rgb_array", data)).reduce(2)
             except RuntimeError as error:
-                raise OSError(f"a picture was not drawn: {error}") from error
-            yield Image.fromarray(drawn).reduce(2)
+                raise OSError(f"an image was not drawn: {error}") from error
 
 
 def write_video(path: Path, log: EpisodeLog, model: Any) -> int:

@@ -468,12 +468,11 @@ def table_one_section(tests: Results) -> Section:
     ran = measures.by_condition(test for test in tests if not test.error)
     standard = measures.grouped(next(iter(ran.values()), []), "policy")
     foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
-    others = {way: [f"{p}@{way}" for p in TABLE_1] for way in ("published", "tuned")}
     blocks: list[Block] = []
     for title, policies in (
         ("Marks with their numbers", (*TABLE_1, *foreign)),
-        ("Marks of the methods as published", others["published"]),
-        ("Marks of the tuned methods", others["tuned"]),
+        ("Marks of the methods as published", [f"{p}@published" for p in TABLE_1]),
+        ("Marks of the tuned learners", [f"{p}@tuned" for p in TABLE_1]),
     ):
         measured = {
             p: [t.metrics for t in standard[p]] for p in policies if p in standard
