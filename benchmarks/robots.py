@@ -36,8 +36,7 @@ def opened(robot: Path) -> dict[str, Any]:
     try:
         (task,) = episode_tasks(RunSettings(doors=("medium",), robot=str(robot)), [0])
     except ValueError as error:
-        reason = str(error).replace(f"{robot}", robot.name)
-        return {"opened": False, "reason": reason}
+        return {"opened": False, "reason": str(error).replace(str(robot), robot.name)}
     measured = episode_metrics(episode_log(task))
     return {
         "opened": measured["success"],

@@ -1,9 +1,8 @@
 """Does a ranking survive other draws? python benchmarks/robustness.py FOLDER.
 
 The track *learner* of the protocol again, under the variants of robustness.toml.
-Learners are ranked by the share of opened doors and by the radial force that lasts for
-20 ms; ranks are compared with those that the seeds of the protocol give, by Kendall's
-tau. Writes docs/results/robustness.json.
+Learners are ranked by opened doors and by the radial force that lasts for 20 ms; ranks
+are compared by Kendall's tau. Writes docs/results/robustness.json.
 """
 
 import tomllib

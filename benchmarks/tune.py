@@ -4,12 +4,10 @@
 command resumes the evaluations in DIR/tuning.db. DIR/tuned.json has the best settings;
 as ``policies/gplfd_policies/registry/tuned.json`` it defines ``<name>@tuned``.
 
-docs/notes/methods.md has the objective, which was fixed before any measurement. Of a
-candidate's two ranks the first is by density, the second by closed doors and force.
+docs/notes/methods.md has the objective, which was fixed before any measurement.
 """
 
 import functools
-import itertools
 import statistics
 import sys
 import warnings
@@ -70,9 +68,8 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
     lessons = {task.training_key: task for task in tasks}
     make = {k: build.learned_agents(task, candidate) for k, task in lessons.items()}
     metrics: list[dict[str, Any]] = []
-    tasks.sort(key=lambda task: task.base)  # of the scenes in one lockstep
-    for _, alike in itertools.groupby(tasks, lambda task: task.base):
-        together = list(alike)
+    for base in {task.base for task in tasks}:  # of the scenes in one lockstep
+        together = [task for task in tasks if task.base == base]
         agents = [make[task.training_key]() for task in together]
         metrics += map(episode_metrics, build.open_together(together, agents))
     closed = sum(not episode["success"] for episode in metrics)

@@ -16,8 +16,8 @@ ALL = {
     path.stem: path for path in (Path(__file__).parents[2] / "examples").glob("*.py")
 }
 ELSEWHERE = {
-    *("cloned_policy", "diffusion_policy", "learned_policy"),
-    *("lerobot_policy", "ros2_node", "your_own_policy"),
+    *("cloned_policy", "learned_policy", "lerobot_policy", "ros2_node"),
+    "your_own_policy",
 }
 """Run by .ci/run, with the commands of docs/your-policy.md; tested in tests/learners,
 with what it needs. The node of ROS 2 is tested below, with stand-ins."""

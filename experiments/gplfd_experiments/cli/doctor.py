@@ -36,7 +36,6 @@ EXTRAS: Final[Mapping[str, str]] = {
     "robomimic": "robomimic files",
     "minari": "episode data sets",
     "sb3": "Stable-Baselines3 learners",
-    "learners": "the diffusion policy of the examples",
     "warp": "doors on a GPU (experimental)",
     "video": "videos of `gplfd run --video`",
     "remote": "policies behind a WebSocket",

@@ -63,10 +63,8 @@ def _demonstrated(key: str) -> LabelledDemonstrations:
         DoorConfig(radius=radius, **(kind | parts))
         for radius, parts in zip(radii, hardware, strict=True)
     ]
-    rng, labels = (
-        np.random.default_rng(seed),
-        tuple(np.repeat(radii, per_door).tolist()),
-    )
+    labels = tuple(np.repeat(radii, per_door).tolist())
+    rng = np.random.default_rng(seed)
     if fields["taught_by"] == "second":
         angle = fields["teacher"]["angle_mean"]
         opened = second.demonstrate_doors(doors, per_door, angle, rng)

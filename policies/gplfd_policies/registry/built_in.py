@@ -69,7 +69,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.phase.phase_rule import PathPhase, PathPhaseConfig
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PathPhase, PathPhaseConfig
 from gplfd_policies.registry.method import (
     Learner,
     Method,
@@ -335,12 +335,12 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
     )
 
 
-Value = bool | int | float
+Value = int | float
 Values = Mapping[str, Value]
 
 
 class Setting(NamedTuple):
-    """One number or choice: published value, least and greatest, and its scale."""
+    """One number: published value, least and greatest, and its scale."""
 
     published: Value
     low: Value
@@ -404,19 +404,15 @@ def tuned(name: str, values: Values) -> Policy:
     ``resolution`` is that of the stiffness law [m]; ``size_std`` that of the prior of a
     door's size; and ``via_std_factor`` multiplies the noise of via-points.
     """
-    space, learner, pipeline = SPACES[name], LEARNERS[name], Pipeline()
+    space, learner = SPACES[name], LEARNERS[name]
     own = {**space.published, **values}
     resolution, size_std, factor = (own.pop(each) for each in _SPACES["pipeline"])
-    position, rotation = pipeline.config.via_std
-    via_std = factor * position, factor * rotation
-    pipeline = replace(
-        pipeline,
+    position, rotation = POSE_ERROR
+    sizes = PathPhaseConfig(similarity=SimilarityConfig(size_std=size_std))
+    pipeline = Pipeline(
         profile=partial(profile_of_spread, resolution=(resolution, 3e-2)),
-        phases=partial(
-            PathPhase,
-            config=PathPhaseConfig(similarity=SimilarityConfig(size_std=size_std)),
-        ),
-        config=replace(pipeline.config, via_std=via_std),
+        phases=partial(PathPhase, config=sizes),
+        config=ComplianceConfig(via_std=(factor * position, factor * rotation)),
     )
     if space.config is not None:
         fit = partial(learner.fit, **{space.argument: space.config(**own)})
