@@ -28,7 +28,7 @@ from gplfd_experiments.studies.trials.protocol import (
     named_trials,
     trial_tasks,
 )
-from gplfd_policies.registry.built_in import SPACES
+from gplfd_policies.registry.built_in import SPACES, tuned_settings
 from gplfd_policies.registry.catalogue import split_name
 
 STORED: Final = Path(__file__).parents[1] / "docs/results/robustness.json"
@@ -41,16 +41,16 @@ def tasks_of(name: str, seeds: int) -> list[EpisodeTask]:
     """Return the episodes of a variant."""
     arguments, policies = dict(VARIANTS[name]), list(TRACKS["learner"].policies)
     draws = arguments.pop("draws", {})
-    if pipeline := arguments.pop("pipeline", ""):
-        policies = [f"{p}@{pipeline}" if p in SPACES else p for p in policies]
+    if arguments.pop("unchanged", ""):
+        found = tuned_settings()
+        policies = [f"{p}@tuned" for p in found if found[p] != SPACES[p].published]
     trials = named_trials(TRACKS["learner"].trials)
     tasks = trial_tasks(trials, only=policies, seeds=seeds, **arguments)
     own: list[Any] = [task.randomization for task in tasks]
+    drawn = [draws | ({} if each == "none" else each) or "none" for each in own]
     return [
-        replace(task, randomization=draws | ({} if drawn == "none" else drawn))
-        if draws
-        else task
-        for task, drawn in zip(tasks, own, strict=True)
+        replace(task, randomization=each)
+        for task, each in zip(tasks, drawn, strict=True)
         if task.prior_radius is None
     ]
 
@@ -93,7 +93,8 @@ def main(folder: tyro.conf.Positional[Path], *, seeds: int = 20) -> None:
             run_or_resume(tasks, {"command": "robustness"}, used, Engine())
             keys = {task.key for task in tasks}
             episodes = read_results(used).episodes
-        numbers[name] = numbers_of([e for e in episodes if e.task.key in keys])
+        ran = numbers_of([e for e in episodes if e.task.key in keys])
+        numbers[name] = numbers.get(VARIANTS[name].get("unchanged"), {}) | ran
     first, *others = numbers
     taus = {name: agreement(numbers[first], numbers[name]) for name in others}
     content = {**code_state(), "seeds": seeds, "numbers": numbers, "kendall": taus}
