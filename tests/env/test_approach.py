@@ -20,12 +20,6 @@ REACH, CLOSE = 120, 90
 """Control periods to the handle, and until the fingers are closed."""
 
 
-def reached(start: np.ndarray, step: int) -> np.ndarray:
-    """Return a minimum-jerk command from where the hand began to the handle."""
-    s = min(step / REACH, 1.0)
-    return start[:6] * (1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
-
-
 def command(env: Any, pose: np.ndarray, width: float = 0.0) -> np.ndarray:
     return np.append(pose, width) if env.action_space.shape == (7,) else pose
 
@@ -39,11 +33,12 @@ def hold(env: Any, action: np.ndarray, n: int) -> Any:
 
 
 def take_hold(env: Any, seed: int = 0) -> dict[str, Any]:
-    """Reach for the handle and close the gripper; return the last info."""
+    """Reach in a minimum-jerk motion, close the gripper; return the last info."""
     start = env.reset(seed=seed)[0]["ee_pose"]
     for step in range(REACH + CLOSE):
-        width = GRIPPER_WIDTH if step < REACH else 0.0
-        action = command(env, reached(start, step), width)
+        width, s = GRIPPER_WIDTH if step < REACH else 0.0, min(step / REACH, 1.0)
+        pose = start * (1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+        action = command(env, pose, width)
         _, _, terminated, _, info = env.step(action)
         assert not terminated
         # A finger that has just touched may bounce; a stage is kept.

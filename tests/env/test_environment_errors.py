@@ -21,16 +21,6 @@ DOORS: list[tuple[Any, type[Exception], str]] = [
     (10**400, ValueError, r"radius = inf is outside \[0\.3, 1\.05\] m"),
     ({"radius": "wide"}, TypeError, r"radius must be a number, got 'wide' \(str\)"),
 ]
-ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
-    *[({"door": door}, kind, message) for door, kind, message in DOORS],
-    ({"grasp": "glue"}, ValueError, "grasp = 'glue' is not one of 'contact', 'we"),
-    ({"height": 2.5}, ValueError, r"height = .* whole number of pixels from 1"),
-]
-OF_MANY: list[tuple[dict[str, Any], str]] = [
-    ({"door": ["small"]}, "door must be one for all .* sequence of 2, got 1"),
-    ({"render_mode": "human"}, "render_mode = 'human' is not one of None, 'rgb_a"),
-    ({"num_threads": -1}, "num_threads = -1 must be a whole number from 0"),
-]
 DISTURBANCES: list[tuple[Any, type[Exception], str]] = [
     ("persn", ValueError, r"unknown disturbance 'persn' \(did you mean 'person'\?\)"),
     ({"push": {"alogn": 1}}, ValueError, r"push field 'alogn' \(did you mean 'along'"),
@@ -38,6 +28,18 @@ DISTURBANCES: list[tuple[Any, type[Exception], str]] = [
     ({"push": {"along": [5, 1]}}, ValueError, r"number or \(low, high\), low first"),
     ({"push": {"on": "elbow"}}, ValueError, "'hand', 'forearm', 'door'"),
     ({"push": "hard"}, TypeError, "must be a Push or its fields"),
+]
+ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
+    *[({"door": door}, kind, message) for door, kind, message in DOORS],
+    *[({"disturbance": each}, kind, said) for each, kind, said in DISTURBANCES],
+    ({"grasp": "glue"}, ValueError, "grasp = 'glue' is not one of 'contact', 'we"),
+    ({"height": 2.5}, ValueError, r"height = .* whole number of pixels from 1"),
+]
+OF_MANY: list[tuple[int, dict[str, Any], str]] = [
+    (2, {"door": ["small"]}, "door must be one for all .* sequence of 2, got 1"),
+    (2, {"render_mode": "human"}, "render_mode = 'human' is not one of None, 'rgb_a"),
+    (2, {"num_threads": -1}, "num_threads = -1 must be a whole number from 0"),
+    (2**63, {}, "num_envs = 9.* number from 1 to 100000"),
 ]
 
 
@@ -53,21 +55,10 @@ def test_wrong_arguments(arguments, kind, message, makers):
             make(**arguments)
 
 
-@pytest.mark.parametrize(("arguments", "message"), OF_MANY)
-def test_wrong_arguments_of_many(arguments, message, make_vec):
+@pytest.mark.parametrize(("n", "arguments", "message"), OF_MANY)
+def test_wrong_arguments_of_many(n, arguments, message, make_vec):
     with pytest.raises(ValueError, match=message):
-        make_vec(2, **arguments)
-
-
-def test_no_more_simulations_than_a_machine_holds(make_vec):
-    with pytest.raises(ValueError, match=r"num_envs = 9.* number from 1 to 100000"):
-        make_vec(2**63)
-
-
-@pytest.mark.parametrize(("disturbance", "kind", "message"), DISTURBANCES)
-def test_wrong_disturbances(disturbance, kind, message, make_env):
-    with pytest.raises(kind, match=message):
-        make_env(disturbance=disturbance)
+        make_vec(n, **arguments)
 
 
 def assert_refused(

@@ -191,9 +191,12 @@ def test_rollers_take_the_work_of_their_way_along_the_rail():
             assert (data.joint("hinge").qpos[0] - angle > 3e-3) == moves
 
 
-def opened_by_its_geometry(env, door: DoorConfig) -> tuple[dict, np.ndarray]:
-    """Open a door along its path in 6 s; return last info, angles and forces (N, 2)."""
-    _, info = env.reset(seed=0)
+@pytest.mark.parametrize("door", doors(), ids=lambda door: door.motion)
+def test_every_motion_is_opened_by_its_path_and_takes_the_force_it_should(
+    door, make_env
+):
+    env = make_env(door=door, base=base_for(door, TIAGO_LIKE))
+    env.reset(seed=0)
     path, rows = env.unwrapped.door_geometry, []
     for step in range(560):
         share = min(step / 450, 1.0)
@@ -203,19 +206,10 @@ def opened_by_its_geometry(env, door: DoorConfig) -> tuple[dict, np.ndarray]:
         rows.append((info["door_angle"], info["force_tangential"]))
         if terminated:
             break
-    return info, np.array(rows)
-
-
-@pytest.mark.parametrize("door", doors(), ids=lambda door: door.motion)
-def test_every_motion_is_opened_by_its_path_and_takes_the_force_it_should(
-    door, make_env
-):
-    env = make_env(door=door, base=base_for(door, TIAGO_LIKE))
-    info, rows = opened_by_its_geometry(env, door)
     assert info["success"], info["reason"]
     assert info["opening"] == pytest.approx(info["door_angle"] / OPENED)
     assert info["slip"] < 0.012
-    angles, forces = rows.T
+    angles, forces = np.array(rows).T
     geometry, step = DoorGeometry.of(door), 1e-5
     ends = (geometry.hand_poses(angles + sign * step)[:, :3] for sign in (1.0, -1.0))
     gains = np.linalg.norm(np.subtract(*ends), axis=1) / (2.0 * step)

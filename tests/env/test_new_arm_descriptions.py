@@ -84,7 +84,7 @@ def dh_frames(arm: Published, angles: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_limits_masses_and_inertias(name):
+def test_limits_are_the_published_ones(name):
     arm, root = ARMS[name], ElementTree.parse(asset_path(f"{name}.urdf")).getroot()
     limits = table(arm.limits)
     if name == "ur5e_like":
@@ -93,17 +93,11 @@ def test_limits_masses_and_inertias(name):
         limit = root.find(f"joint[@name='{joint}']/limit")
         found = [limit.attrib[key] for key in ("lower", "upper", "effort", "velocity")]
         assert_allclose(np.array(found, float), expected, rtol=1e-9)
-    for inertia in root.iter("inertia"):
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (float(inertia.attrib[key]) for key in keys)
-        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        assert moments[0] > 0
-        # No mass distribution has one principal moment above the sum of the others.
-        assert moments[2] <= moments[0] + moments[1]
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_both_readers_follow_the_published_chain(name):
+    """And MuJoCo refuses inertias that no distribution of a mass can have."""
     arm, path = ARMS[name], asset_path(f"{name}.urdf")
     model = mujoco.MjSpec.from_file(str(path)).compile()
     robot = yourdfpy.URDF.load(str(path), load_meshes=False)

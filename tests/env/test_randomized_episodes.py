@@ -1,6 +1,5 @@
 """Randomized episodes: seeds, options, corners, sensor noise and control delay."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -112,14 +111,6 @@ def test_noise_has_the_stated_spread_and_is_white(make_env, draw_actions):
         assert np.abs((unit[lag:] * unit[:-lag]).mean(axis=0)).max() < 4.5 / np.sqrt(n)
 
 
-def delayed_by(delay: int, start_env: Callable, **arguments: Any) -> Any:
-    """Return an environment, just reset, whose commands take that many periods."""
-    given = {"shortest_delay": delay, "longest_delay": delay}
-    env = start_env(randomization=given, **arguments)
-    assert env.variation.delay == delay
-    return env
-
-
 @both_ids
 @pytest.mark.parametrize("delay", [0, 1, 3, 10])
 def test_a_delayed_command_does_the_same_later(delay, id, start_env, draw_actions):
@@ -127,7 +118,9 @@ def test_a_delayed_command_does_the_same_later(delay, id, start_env, draw_action
 
     A waiting command is not the caller's array.
     """
-    delayed, twin = delayed_by(delay, start_env, id=id), start_env(id=id)
+    given = {"shortest_delay": delay, "longest_delay": delay}
+    delayed, twin = start_env(randomization=given, id=id), start_env(id=id)
+    assert delayed.variation.delay == delay
     actions = draw_actions(twin.action_space, 30)
     shifted = [*delay * [twin.command.rest], *actions]
     buffer = np.zeros_like(actions[0])

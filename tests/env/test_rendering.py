@@ -1,4 +1,4 @@
-"""Pictures: colour and depth without a screen, a window on a virtual display."""
+"""Pictures: colour and depth without a screen."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,10 +9,7 @@ import pytest
 
 from gplfd_env.spatial.se3 import handle_pose_on_arc
 
-pytestmark = pytest.mark.slow
-
-
-needs_opengl = pytest.mark.needs("opengl")
+pytestmark = [pytest.mark.slow, pytest.mark.needs("opengl")]
 
 
 @pytest.fixture
@@ -26,10 +23,6 @@ def show(start_env: Callable) -> Callable[..., Any]:
     return shown
 
 
-# --- Pictures ------------------------------------------------------------------------
-
-
-@needs_opengl
 @pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
 def test_colour_picture_from_every_camera(camera, show):
     image = show(camera_name=camera).render()
@@ -37,7 +30,6 @@ def test_colour_picture_from_every_camera(camera, show):
     assert image.std() > 10, "something must be in the picture"
 
 
-@needs_opengl
 def test_pictures_show_the_door_and_are_reproducible(show):
     """Also after a reset, after closing, and of another door."""
     env = show()
@@ -58,7 +50,6 @@ def test_pictures_show_the_door_and_are_reproducible(show):
     assert np.array_equal(env.render(), show("large").render())
 
 
-@needs_opengl
 def test_depth_is_in_metres_and_comes_with_colours(show):
     top = {"camera_name": "top"}
     env = show(render_mode="depth_array", **top)
@@ -73,7 +64,6 @@ def test_depth_is_in_metres_and_comes_with_colours(show):
     assert np.array_equal(together, depth)
 
 
-@needs_opengl
 @pytest.mark.parametrize(
     ("door", "base"),
     [("medium", "fixed"), ("room-834", "mobile"), ("barn-door", "mobile")],
@@ -87,6 +77,3 @@ def test_the_leaf_is_in_the_picture_and_not_at_its_border(door, base, start_env)
             leaf = renderer.render()[..., 0] == env.model.geom("leaf").id
             assert leaf.sum() > 50, camera
             assert leaf.sum() == leaf[1:-1, 1:-1].sum(), camera
-
-
-# --- Without a screen, and with one ---------------------------------------------------

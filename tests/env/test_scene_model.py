@@ -89,11 +89,6 @@ def test_scene_frames_agree_with_the_task_s_words():
 # --- What is only seen ---------------------------------------------------------------
 
 
-def looks(model: mujoco.MjModel) -> set[str]:
-    geoms = (model.geom(index) for index in range(model.ngeom))
-    return {geom.name for geom in geoms if geom.group[0] == GROUP}
-
-
 @both_bases
 @pytest.mark.parametrize("door", ["medium", "room-834", "heavy-fire"])
 def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
@@ -112,7 +107,9 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
         robot=TIAGO_LIKE.on(base),
     )
     dressed = spec.compile()
-    seen = looks(dressed) | (WALLS if base == "fixed" else set())
+    geoms = (dressed.geom(index) for index in range(dressed.ngeom))
+    seen = {geom.name for geom in geoms if geom.group[0] == GROUP}
+    seen |= WALLS if base == "fixed" else set()
     for geom in [one for one in spec.geoms if one.name in seen]:
         spec.delete(geom)
     for tendon in [one for one in spec.tendons if one.name == CLOSER_ARM]:

@@ -43,10 +43,6 @@ def move_slowly(env: DoorOpeningEnv, pose: np.ndarray, steps: int = 500) -> Any:
     return observation
 
 
-def dofs(env: DoorOpeningEnv) -> list[int]:
-    return [int(env.model.joint(name).dofadr[0]) for name in TIAGO_LIKE.arm]
-
-
 # --- The servo -----------------------------------------------------------------------
 
 
@@ -54,8 +50,8 @@ def dofs(env: DoorOpeningEnv) -> list[int]:
 def test_efforts_stay_within_limits_under_violent_commands(seed, start_env):
     """Every physics step; the efforts include carrying the arm's weight."""
     env = start_env("medium")
-    rng, joints = np.random.default_rng(seed), dofs(env)
-    share = np.zeros(7)
+    joints = [int(env.model.joint(name).dofadr[0]) for name in TIAGO_LIKE.arm]
+    rng, share = np.random.default_rng(seed), np.zeros(7)
     for step in range(1000):
         if step % 50 == 0:
             env.data.ctrl[:6] = env.action_space.high * rng.choice([-1.0, 1.0], 6)

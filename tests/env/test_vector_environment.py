@@ -12,7 +12,7 @@ import gplfd_env
 
 pytestmark = pytest.mark.slow
 
-IMPEDANCE, RL = gplfd_env.IMPEDANCE_ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
+IMPEDANCE = gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 PULL = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 

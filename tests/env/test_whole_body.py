@@ -30,19 +30,6 @@ AXES = task_rotation_w(DoorConfig(), ROBOT)
 numbers = st.floats(-1.0, 1.0)
 
 
-def settled(hand: list[float]) -> tuple[tuple[float, ...], list[tuple[float, ...]]]:
-    """Where a base without inertia comes to rest, and its rates until then."""
-    drive, base, rates = BaseDrive(HAND, DoorConfig(), ROBOT), (0.0, 0.0, 0.0), []
-    for _ in range(800):
-        drive.follow(hand, base)
-        rates.append(drive.rate)
-        base = tuple(
-            place + CONTROL_PERIOD * rate
-            for place, rate in zip(base, drive.rate, strict=True)
-        )
-    return base, rates
-
-
 def away(first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, float]:
     dx, dy, turn = np.subtract(first, second)
     return math.hypot(dx, dy), abs(turn)
@@ -82,8 +69,13 @@ def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(x, y, z):
 @settings(max_examples=25)
 @given(st.tuples(numbers, numbers, numbers, *3 * [st.floats(-0.8, 0.8)]))
 def test_the_base_comes_within_the_play_of_where_it_is_led(hand):
+    """One without inertia, when it has come to rest."""
     target = led_by(list(hand), HAND, AXES.T.tolist())
-    base, rates = settled(list(hand))
+    drive, base, rates = BaseDrive(HAND, DoorConfig(), ROBOT), (0.0, 0.0, 0.0), []
+    for _ in range(800):
+        drive.follow(list(hand), base)
+        rates.append(drive.rate)
+        base = tuple(np.add(base, np.multiply(CONTROL_PERIOD, drive.rate)).tolist())
     distance, turn = away(base, target)
     assert distance <= DEAD_BAND[0] + 1e-3
     assert turn <= DEAD_BAND[1] + 1e-3

@@ -67,7 +67,10 @@ FROM_OUTSIDE = (
 
 
 def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
-    """A minimum-jerk opening to 66 degrees in 6 s with constant forces."""
+    """A minimum-jerk opening to 66 degrees in 6 s with constant forces.
+
+    Changes are fields and arrays by name, forecasts with the prefix forecast_.
+    """
     times = DT * np.arange(n_steps)
     angle = FINAL_ANGLE * minimum_jerk(times / times[-1])
     pose = np.array([handle_pose_on_arc(RADIUS, phi) for phi in angle])
@@ -132,11 +135,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "forecast_mean": np.stack([arc] * 3),
         "forecast_std": np.stack([np.full((21, 6), 0.03), *[0.01 * arc + 1e-3] * 2]),
     }
-    return log_of(fields | changes)
-
-
-def log_of(fields: dict[str, Any]) -> EpisodeLog:
-    """A log of its fields and arrays by name, forecasts with the prefix forecast_."""
+    fields |= changes
     names = {field.name for field in dataclasses.fields(EpisodeLog)} - PARTS.keys()
     forecasts = {n: fields[f"forecast_{n}"] for n in arrays_of(PARTS["forecasts"])}
     parts: dict[str, Any] = {

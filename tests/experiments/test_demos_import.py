@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data import importing
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FIRST_POSE, FRAME, load_demonstrations
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_cuts", "reads_here")]
@@ -28,22 +27,20 @@ TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
 SET_FILES = {"demonstrations.npz", "report.txt", "before_after.png", "import.json"}
 
 
-def in_the_world(shown: Demonstration) -> str:
-    """A table of a motion as a tracker in the room sees it: in cm, at 240 Hz."""
-    times = shown.times + 1000.0
-    positions = 100.0 * (START + TURN.apply(shown.poses[:, :3].copy()))
-    grip = Rotation.from_rotvec([0.3, 0.7, -0.5])
-    rotations = TURN * Rotation.from_rotvec(shown.poses[:, 3:].copy()) * grip
-    table = np.column_stack([times, positions, rotations.as_quat()])
-    lines = [",".join(f"{number:.6f}" for number in row) for row in table]
-    return "\n".join(["time [s],x [cm],y [cm],z [cm],qx,qy,qz,qw", *lines, ""])
-
-
 @pytest.fixture(scope="module")
 def tables() -> dict[str, str]:
-    rng = np.random.default_rng(0)
+    """Motions as a tracker in the room sees them: in cm, at 240 Hz."""
+    rng, found = np.random.default_rng(0), {}
+    grip = Rotation.from_rotvec([0.3, 0.7, -0.5])
     shown = Teacher().demonstrate_doors(DEMONSTRATED_RADII, 2, rng=rng)
-    return {f"{number}.csv": in_the_world(one) for number, one in enumerate(shown)}
+    for number, motion in enumerate(shown):
+        positions = 100.0 * (START + TURN.apply(motion.poses[:, :3].copy()))
+        rotations = TURN * Rotation.from_rotvec(motion.poses[:, 3:].copy()) * grip
+        columns = motion.times + 1000.0, positions, rotations.as_quat()
+        rows = [",".join(f"{n:.6f}" for n in row) for row in np.column_stack(columns)]
+        lines = ["time [s],x [cm],y [cm],z [cm],qx,qy,qz,qw", *rows, ""]
+        found[f"{number}.csv"] = "\n".join(lines)
+    return found
 
 
 @pytest.fixture

@@ -39,6 +39,9 @@ def test_round_trip_is_exact(tmp_path, make_log):
             saved, read = (getattr(getattr(of, part), name) for of in (log, loaded))
             assert saved.dtype == read.dtype, name
             assert saved.tobytes() == read.tobytes(), name
+    (tmp_path / "log.npz").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(ValueError, match=r"log\.npz cannot be read as"):
+        EpisodeLog.load(tmp_path / "log.npz")
 
 
 def test_wrong_shape_names_the_array(make_log):

@@ -175,36 +175,32 @@ def filled(value: float) -> Any:
     ]
 
 
-def in_z(value: float, number: int) -> Any:
-    """Positions in a plane but for some in which a program fills what is missing."""
-    planar = np.where([True, True, False], POSITIONS, 0.9)
-    planar[100 : 100 + number, 2] = value
-    return planar
+LEVEL = np.r_[np.full(100, 0.9), np.full(50, -1.0), np.full(251, 0.9)]
+"""Heights of a plane but for some that a program fills."""
 
 
-def alternating(by: float) -> dict[str, Any]:
+def moved(samples: slice, by: Any) -> dict[str, Any]:
     positions = POSITIONS.copy()
-    positions[::2, 0] += by
-    return {"positions": positions}
-
-
-def moved(first: int, last: int, by: Any) -> dict[str, Any]:
-    positions = POSITIONS.copy()
-    positions[first:last] += by
+    positions[samples] += by
     return {"positions": positions}
 
 
 @pytest.mark.parametrize(
     ("given", "kept", "warning", "note"),
     [
-        (moved(100, 103, [0.23, 0, 0]), 398, True, "3 samples of short jumps"),
-        (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
+        (moved(np.s_[100:103], [0.23, 0, 0]), 398, True, "3 samples of short jumps"),
+        (moved(np.s_[200:], [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
         ({"positions": 1e3 * POSITIONS}, 401, True, "m: is the unit right?"),
         ({"positions": 1e-3 * POSITIONS}, 401, True, "m: is the unit right?"),
         ({"times": filled(-9999.0)}, 381, True, "20 samples with -9999 in t are"),
-        ({"positions": in_z(-1.0, 50)}, 351, True, "50 samples with -1 in z are"),
-        (alternating(0.2), 401, True, "moves at 40 m/s: are several sources mixed"),
+        (
+            {"positions": np.column_stack([POSITIONS[:, :2], LEVEL])},
+            351,
+            True,
+            "50 samples with -1 in z are",
+        ),
+        (moved(np.s_[::2], [0.2, 0, 0]), 401, True, "moves at 40 m/s: are several so"),
         ({"times": filled(1e35)}, 381, True, "20 samples with 1e+35 in t are taken"),
         ({"positions": filled(1e20)}, 381, True, "20 samples with 1e+20 in z are"),
         (
@@ -308,17 +304,13 @@ def test_rests_at_the_ends_are_cut():
     assert "cut" in texts(motion)
 
 
-def back_and_forth() -> RawRecording:
-    """A door opened, closed and opened again, resting in between."""
-    once = door(rest=0.5)
-    number = len(once.positions)
-    there = np.arange(number)
-    whole = once.part(np.r_[there, there[::-1], there])
-    return replace(whole, times=np.arange(3 * number) / RATE)
-
-
 def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
-    motions = prepare([back_and_forth()], ImportSettings(segment="rests"))
+    """A door is opened, closed and opened again, resting in between."""
+    once = door(rest=0.5)
+    there = np.arange(len(once.positions))
+    whole = once.part(np.r_[there, there[::-1], there])
+    whole = replace(whole, times=np.arange(3 * len(there)) / RATE)
+    motions = prepare([whole], ImportSettings(segment="rests"))
     assert [one.name for one in motions] == ["door.csv #1", "door.csv #2"]
     assert "2 repetitions between rests, 1 other motions left out" in texts(motions[0])
     first, second = (one.demonstration.poses for one in motions)
@@ -359,9 +351,9 @@ def test_a_hinge_is_found_and_gives_the_doors_task_frame(angle, radius):
 
 
 def test_a_hinge_is_found_in_noise():
-    raw = door(radius=0.55)
-    noise = np.random.default_rng(0).normal(scale=1e-3, size=raw.positions.shape)
-    hinge = find_hinge(raw.positions + noise)
+    positions = door(radius=0.55).positions
+    noise = np.random.default_rng(0).normal(scale=1e-3, size=positions.shape)
+    hinge = find_hinge(positions + noise)
     assert hinge.radius == pytest.approx(0.55, abs=2e-3)
     assert hinge.residual < 3e-3
 
@@ -391,23 +383,16 @@ def test_what_is_about_no_hinge_is_refused():
         find_hinge(bent)
 
 
-def with_a_way(way: Any, *, last: bool) -> RawRecording:
-    """A door that is opened by a hand that reaches or retreats straight."""
-    raw = door(rest=0.0)
-    line = np.linspace(1.0, 0.0, 100)[:, None] * TURN.apply(way)
-    part = raw.part(np.r_[[0] * 100, 0:401, [400] * 100])
-    part = part.part(np.r_[100:601] if last else np.r_[0:501])
-    positions = part.positions.copy()
-    positions[401 if last else 0 :][:100] += line[::-1] if last else line
-    times = np.arange(501) / RATE
-    return replace(part, positions=positions, times=times)
-
-
 @pytest.mark.parametrize("last", [False, True])
 @pytest.mark.parametrize("way", [(0.05, 0, 0), (0, 0.1, 0), (0.1, 0, 0.1)])
 def test_reach_and_retreat_are_no_part_of_the_circle(way, last, monkeypatch):
     monkeypatch.undo()  # in fine steps
-    motion = only(with_a_way(way, last=last), frame="hinge")
+    line = np.linspace(1.0, 0.0, 100)[:, None] * TURN.apply(way)
+    part = RAW.part(np.r_[0:401, [400] * 100] if last else np.r_[[0] * 100, 0:401])
+    positions = part.positions.copy()
+    positions[401 if last else 0 :][:100] += line[::-1] if last else line
+    raw = replace(part, positions=positions, times=np.arange(501) / RATE)
+    motion = only(raw, frame="hinge")
     assert motion.radius == pytest.approx(0.6, abs=5e-3)
     turned = motion.demonstration.poses[-1, 4]
     assert turned == pytest.approx(1.2, abs=0.05)

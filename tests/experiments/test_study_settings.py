@@ -57,11 +57,12 @@ def test_a_file_need_not_say_everything(tmp_path):
         ("sedes = 3", "unknown key 'sedes' (did you mean 'seeds'?); keys: policies"),
         ("seeds = ", "cannot be read as TOML: Invalid value"),
         ("seeds = 2.5", "seeds = 2.5 must be a whole number"),
+        ("doors = ['Tür']", "cannot be read as TOML: 'utf-8' codec can't decode"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path, text, message):
     path = tmp_path / "study.toml"
-    path.write_text(text)
+    path.write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=f"{path}.*{re.escape(message)}"):
         read_settings(path)
 

@@ -43,7 +43,6 @@ DOORS: dict[str, dict[str, Any]] = {
 
 
 @functools.cache
-@functools.cache
 def needed_by(door, seed):
     return shown(door, seed=seed)
 

@@ -35,9 +35,10 @@ def minimum_jerk(progress: np.ndarray) -> np.ndarray:
     return progress**3 * (10.0 - 15.0 * progress + 6.0 * progress**2)
 
 
-def door_demonstrations(seed: int = 0) -> tuple[Demonstration, ...]:
+@pytest.fixture(scope="session")
+def demonstrations() -> tuple[Demonstration, ...]:
     """Two openings of each of three doors, with a smooth millimetre of wobble."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     demonstrations = []
     for radius in np.repeat(RADII, 2):
         times = np.linspace(0.0, rng.uniform(5.0, 7.0), 200)
@@ -50,11 +51,6 @@ def door_demonstrations(seed: int = 0) -> tuple[Demonstration, ...]:
         poses += amplitude * (wobble - wobble[0])
         demonstrations.append(Demonstration(times=times, poses=poses))
     return tuple(demonstrations)
-
-
-@pytest.fixture(scope="session")
-def demonstrations() -> tuple[Demonstration, ...]:
-    return door_demonstrations()
 
 
 @pytest.fixture(scope="session")

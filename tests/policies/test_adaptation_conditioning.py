@@ -36,20 +36,16 @@ def door(radius, times=TIMES):
     return pose
 
 
-def door_skill(radii, seed=0):
-    rng = np.random.default_rng(seed)
-    poses = np.array([door(radius) for radius in radii for _ in range(2)])
+@pytest.fixture(scope="module")
+def skill():
+    rng = np.random.default_rng(0)
+    poses = np.array([door(radius) for radius in (0.35, 0.5, 0.65) for _ in range(2)])
     for index in range(len(poses)):
         rising = np.minimum(10.0 * TIMES, 1.0)[:, None]
         for frequency in (1.0, 2.0, 3.0):
             wave = np.sin(np.pi * frequency * TIMES[:, None] + rng.uniform(0, 6, 6))
             poses[index] += 0.002 / frequency * rising * rng.normal(size=6) * wave
     return fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
-
-
-@pytest.fixture(scope="module")
-def skill():
-    return door_skill((0.35, 0.5, 0.65))
 
 
 def random_covariance(rng, size):

@@ -72,25 +72,22 @@ def test_eq22_converges_to_the_differential_equation():
     assert_allclose(np.divide(errors[:2], errors[1:]), 10.0, rtol=0.15)
 
 
-def lyapunov(admittance, stiffness, gamma):
-    """Kronander & Billard's function per axis, with M, D, K diagonal."""
-    mass = PAPER_DYNAMICS.mass
-    error, velocity = admittance.displacement, admittance.velocity
-    shape = stiffness + gamma * PAPER_DYNAMICS.damping(stiffness) - gamma**2 * mass
-    return (mass * (velocity + gamma * error) ** 2 + shape * error**2) / 2
-
-
 def energies(targets, dt, *, governed):
-    """Let a kicked hand go under a stiffness sequence; return the function."""
+    """Let a kicked hand go under a stiffness sequence.
+
+    Return Kronander & Billard's function per axis, with M, D, K diagonal.
+    """
     governor = StiffnessGovernor(PAPER_PROFILE, PAPER_DYNAMICS)
-    admittance = Admittance(PAPER_DYNAMICS)
+    admittance, mass = Admittance(PAPER_DYNAMICS), PAPER_DYNAMICS.mass
     gamma = decay_rate(PAPER_PROFILE.k_min, PAPER_DYNAMICS)
     admittance.step(PAPER_PROFILE.k_min, 50 * WRENCH, dt)
     values = []
     for target in targets:
         stiffness = governor.step(target, dt).stiffness if governed else target
         # The function belongs to the stiffness that acts from here on.
-        values.append(lyapunov(admittance, stiffness, gamma))
+        error, velocity = admittance.displacement, admittance.velocity
+        shape = stiffness + gamma * PAPER_DYNAMICS.damping(stiffness) - gamma**2 * mass
+        values.append((mass * (velocity + gamma * error) ** 2 + shape * error**2) / 2)
         admittance.step(stiffness, np.zeros(6), dt)
     return np.array(values)
 

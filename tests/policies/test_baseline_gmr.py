@@ -11,15 +11,6 @@ from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 TIMES = np.linspace(0.0, 1.0, 60)
 
 
-def scattered(count=8, seed=0):
-    """Demonstrations that scatter independently around a curve, more and more."""
-    rng = np.random.default_rng(seed)
-    curve = np.stack([np.sin(2.0 * TIMES + k) for k in range(6)], axis=1)
-    noise = rng.normal(size=(count, len(TIMES), 6))
-    poses = curve + (0.02 + 0.08 * TIMES)[:, None] * noise
-    return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
-
-
 @pytest.fixture(scope="module")
 def regression(demonstrations):
     return fit_gmr(align(demonstrations))
@@ -40,7 +31,11 @@ def test_moments_equal_the_gmr_package(regression, phase):
 
 
 def test_one_component_is_linear_regression_on_phase():
-    aligned = scattered()
+    """Of demonstrations that scatter independently around a curve, more and more."""
+    curve = np.stack([np.sin(2.0 * TIMES + k) for k in range(6)], axis=1)
+    noise = np.random.default_rng(0).normal(size=(8, len(TIMES), 6))
+    poses = curve + (0.02 + 0.08 * TIMES)[:, None] * noise
+    aligned = AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
     single = fit_gmr(aligned, GMRConfig(components=1, regularisation=1e-12))
     predicted = single.predict(TIMES)
     phases = np.tile(TIMES, len(aligned.poses))

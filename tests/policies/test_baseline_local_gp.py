@@ -17,13 +17,12 @@ TIMES = np.linspace(0.0, 1.0, 80)
 STEP_STD = np.where(TIMES < 0.5, 0.01, 0.05)
 
 
-def curves(times=TIMES):
-    return np.stack([np.sin(3.0 * times + k) for k in range(6)], axis=1)
+CURVES = np.stack([np.sin(3.0 * TIMES + k) for k in range(6)], axis=1)
 
 
 def demonstrations(std, count=6, seed=0):
     noise = np.random.default_rng(seed).normal(size=(count, len(TIMES), 6))
-    poses = curves() + std[:, None] * noise
+    poses = CURVES + std[:, None] * noise
     return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
 
 
@@ -105,7 +104,7 @@ def test_plain_product_is_over_confident(movement):
     # Where one was seen, three others sharpen what they know nothing about.
     _, seen = experts(movement, TIMES)
     held_out = demonstrations(STEP_STD, count=50, seed=9).poses
-    deviation = np.abs(held_out - curves())
+    deviation = np.abs(held_out - CURVES)
     plain = np.sqrt(1.0 / np.sum(1.0 / seen, axis=0))
     assert np.mean(deviation < 1.96 * plain) < 0.9
     assert np.mean(deviation < 1.96 * movement.predict(TIMES).std) > 0.93

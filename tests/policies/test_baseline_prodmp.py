@@ -1,22 +1,11 @@
-"""Probabilistic dynamic movement primitives: the equation, its start, conditioning."""
+"""The basis of probabilistic dynamic movement primitives against its equation."""
 
 import numpy as np
 import pytest
 import scipy
 from numpy.testing import assert_allclose
 
-from gplfd_policies.movements.baselines.prodmp import (
-    ProDMPConfig,
-    fit_prodmp,
-    position_basis,
-)
-
-GRID = np.linspace(0.0, 1.0, 101)
-
-
-@pytest.fixture(scope="module")
-def prodmp(aligned):
-    return fit_prodmp(aligned)
+from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, position_basis
 
 
 @pytest.mark.parametrize("config", [ProDMPConfig(), ProDMPConfig(alpha=60.0)])

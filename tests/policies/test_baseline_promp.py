@@ -17,27 +17,15 @@ def promp(aligned):
     return fit_promp(aligned)
 
 
-def via_point(phase=0.4, shift=0.01, std=1e-3, free=()):
-    pose = np.array([0.25, 0.0, -0.06, 0.0, 0.4, 0.0]) + shift
-    pose[list(free)] = np.nan
-    return ViaPoint(phase=phase, pose=pose, std=std)
-
-
 @pytest.fixture(scope="module")
-def learned_as_in_the_library(library):
-    """From its demonstrations, with its basis functions."""
+def as_in_the_library(library):
+    """With its basis functions and the distribution of weights that it was given."""
     demonstrated = AlignedDemonstrations(
         times=library["phases"], poses=library["poses"]
     )
-    return fit_promp(demonstrated, ProMPConfig(n_basis=20, overlap=0.7))
-
-
-@pytest.fixture(scope="module")
-def as_in_the_library(learned_as_in_the_library, library):
-    """With the distribution of the weights that the library was given."""
     sample = library["promp_deviations"].T @ library["promp_deviations"]
     return replace(
-        learned_as_in_the_library,
+        fit_promp(demonstrated, ProMPConfig(n_basis=20, overlap=0.7)),
         weight_mean=library["promp_mean"],
         weight_covariance=sample + 0.5 * np.diag(np.diag(sample)),
     )

@@ -85,13 +85,6 @@ def test_one_frame_is_gaussian_mixture_regression(aligned):
     assert_allclose(ours.std, gmr.std, rtol=1e-6)
 
 
-def test_two_equal_frames_halve_the_variance(mixture):
-    once = mixture.means[0], mixture.covariances[0]
-    mean, covariance = product_over_frames(*(np.stack([part, part]) for part in once))
-    assert_allclose(mean, once[0], atol=1e-9)
-    assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
-
-
 def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
     fitted = [fit_kasa_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
     radii = -np.array(fitted)[:, 1]

@@ -151,22 +151,12 @@ STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))
 QUICK = WishartGPConfig(steps=200, discarded=60)
 
 
-def curves():
-    return np.stack([np.sin(3.0 * TIMES + k) for k in range(6)], axis=1)
-
-
-def demonstrations(count=6, seed=0):
-    noise = np.random.default_rng(seed).normal(size=(count, len(TIMES), 6))
-    poses = curves() + STD[:, None] * noise
-    return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
-
-
-@pytest.fixture(scope="module")
-def movement():
-    return fit_wishart_gp(demonstrations(), QUICK, 0)
-
-
-def test_variance_is_that_of_the_mean_and_of_repetitions(movement):
+def test_variance_is_that_of_the_mean_and_of_repetitions():
+    curves = np.stack([np.sin(3.0 * TIMES + k) for k in range(6)], axis=1)
+    noise = np.random.default_rng(0).normal(size=(6, len(TIMES), 6))
+    poses = curves + STD[:, None] * noise
+    aligned = AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
+    movement = fit_wishart_gp(aligned, QUICK, 0)
     grid = np.linspace(0.0, 1.0, 21)
     moments = movement.processes.moments(grid)
     aleatoric = movement.aleatoric(grid)

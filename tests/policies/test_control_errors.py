@@ -19,7 +19,7 @@ from gplfd_policies.control.stiffness import (
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.phase.phase_rule import PathPhaseConfig
 
-ONES, NAN, INF = np.ones(6), np.nan, np.inf
+ONES, NAN = np.ones(6), np.nan
 ACTIONS = np.arange(18.0).reshape(3, 6)
 STEP = AgentStep(action=ONES)
 IN_ARM = ComplianceConfig(rendering=ArmRendering, stiffness_frame="axes")

@@ -69,13 +69,7 @@ def changed(array, index, value):
     return array
 
 
-def timed(index, value):
-    return shown(times=changed(SECONDS, index, value))
-
-
-def jumping():
-    turns = np.outer(np.linspace(3.0, 3.3, 5), [0.0, 0.6, 0.8])
-    return shown(poses=np.hstack([np.zeros((5, 3)), canonical_rotvec(turns)]))
+TURNS = canonical_rotvec(np.outer(np.linspace(3.0, 3.3, 5), [0.0, 0.6, 0.8]))
 
 
 def aligned(**fields):
@@ -83,19 +77,20 @@ def aligned(**fields):
     return AlignedDemonstrations(**(good | fields))
 
 
-def by_quaternions(positions):
-    quaternions = np.tile([1.0, 0, 0, 0], (3, 1))
-    return Demonstration.from_quaternions(np.arange(3.0), positions, quaternions)
-
-
 ARC = aligned(poses=handle_pose_on_arc(0.5, np.linspace(0.0, 0.8, 5))[None])
 REFUSED = {
     r"poses\[3\] = .* is not finite": lambda: shown(poses=changed(LINE, 3, np.nan)),
-    r"times\[3\] = 0.75 is not later than 0.9": lambda: timed(2, 0.9),
+    r"times\[3\] = 0.75 is not later than 0.9": lambda: shown(
+        times=changed(SECONDS, 2, 0.9)
+    ),
     "needs at least three samples, got 2": lambda: shown(np.arange(2.0), np.eye(2, 6)),
     "never moves": lambda: shown(poses=np.ones((5, 6))),
-    r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": jumping,
-    r"one row per quaternion, .* for 3": lambda: by_quaternions(np.zeros((2, 3))),
+    r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": lambda: shown(
+        poses=np.hstack([np.zeros((5, 3)), TURNS])
+    ),
+    r"one row per quaternion, .* for 3": lambda: Demonstration.from_quaternions(
+        np.arange(3.0), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (3, 1))
+    ),
     r"not move under rotation_weight=1\.0": lambda: task_completion_index(shown(), 1.0),
     "of 20,000 and 30,000 samples": lambda: dynamic_time_warping(
         lambda row: np.zeros(30_000), 20_000

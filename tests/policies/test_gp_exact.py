@@ -27,11 +27,6 @@ def posterior(kernel=KERNEL, log_noise_step=None):
     return ExactGP(kernel=kernel, times=times, values=values, noise_variance=noise)
 
 
-def test_kernel_is_equation_13_with_the_half():
-    value = RBF(length_scale=2.0, signal_std=3.0)(np.array([1.0]), np.array([5.0]))
-    assert value[0, 0] == pytest.approx(9.0 * np.exp(-0.5 * (4.0 / 2.0) ** 2))
-
-
 def test_printed_multi_output_kernel_is_not_a_covariance():
     times = np.linspace(0.0, 1.0, 8)
     printed = np.exp(np.subtract.outer(times, times) ** 2 / 0.3**2)
@@ -55,6 +50,7 @@ def test_kernel_derivatives_equal_finite_differences():
 
 
 def test_posterior_equals_scikit_learn():
+    """With the kernel of Eq. (13), with the half; and without jitter."""
     times, values, noise = observations()
     kernel = ConstantKernel(1.3**2, "fixed") * SklearnRBF(0.2, "fixed")
     theirs = GaussianProcessRegressor(kernel, alpha=noise, optimizer=None)
@@ -68,6 +64,7 @@ def test_posterior_equals_scikit_learn():
     assert ours.log_marginal_likelihood() == pytest.approx(
         theirs.log_marginal_likelihood_value_, rel=1e-10
     )
+    assert ours.factor.jitter == 0.0
 
 
 def test_likelihood_gradient_equals_finite_differences():
@@ -102,10 +99,6 @@ def test_posterior_rates_equal_finite_differences():
     assert_allclose(variance_rate, numeric, atol=1e-6)
 
 
-def test_no_jitter_while_the_factorisation_works():
-    assert posterior().factor.jitter == 0.0
-
-
 def test_least_jitter_on_failure_is_reported():
     singular = np.ones((4, 4)) - 1e-14 * np.eye(4)
     factor = factorise(singular)
@@ -114,22 +107,16 @@ def test_least_jitter_on_failure_is_reported():
     assert_allclose(rebuilt, singular + factor.jitter * np.eye(4), atol=1e-15)
 
 
-def noisy(variance):
-    single = np.zeros(1)
-    return ExactGP(
-        kernel=KERNEL, times=single, values=single, noise_variance=single + variance
-    )
-
-
-def scaled(length):
-    return RBF(length_scale=length, signal_std=1.0)
-
-
+ONE = np.ones(1)
 REFUSED = {
     "not positive definite.*smallest eigen": lambda: factorise(np.diag([1.0, -0.5])),
     "must be finite": lambda: factorise(np.array([[np.nan]])),
-    "finite and >= 0": lambda: noisy(-1.0),
-    "length_scale must be positive and finite": lambda: scaled(0.0),
+    "finite and >= 0": lambda: ExactGP(
+        kernel=KERNEL, times=ONE, values=ONE, noise_variance=-ONE
+    ),
+    "length_scale must be positive and finite": lambda: RBF(
+        length_scale=0.0, signal_std=1.0
+    ),
 }
 
 

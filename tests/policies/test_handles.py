@@ -33,10 +33,6 @@ PULL = np.array([1.0, 0.0, 0.0])
 PERIOD = 0.01
 
 
-def shown(door, seed=0):
-    return turned_handle(align(Teacher().standard_demonstrations(seed=seed, like=door)))
-
-
 # --- The handle that demonstrations turn -------------------------------------
 
 
@@ -45,7 +41,9 @@ def shown(door, seed=0):
 )
 def test_demonstrations_tell_where_a_lever_s_axis_is(hinge_side, seed):
     """To the centimetre by which the sensor is beside the place of the grasp."""
-    handle = shown(replace(LEVER, hinge_side=hinge_side), seed)
+    door = replace(LEVER, hinge_side=hinge_side)
+    shown = Teacher().standard_demonstrations(seed=seed, like=door)
+    handle = turned_handle(align(shown))
     side = 1.0 if hinge_side == "right" else -1.0
     assert handle is not None
     assert_allclose(handle.point, np.multiply(side, EXACT.point), atol=0.012)

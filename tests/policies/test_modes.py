@@ -67,16 +67,12 @@ def modes(demonstrations):
     return method.learn_modes(TrainingInput(demonstrations=motions))
 
 
-def agent_of(modes, *counts, **config):
-    method = POLICIES["gp"].method
-    agents = [method.follow(mode.movement) for mode in modes]
-    return ModesAgent(agents, counts or (1,) * len(agents), ModeConfig(**config))
-
-
 @pytest.mark.parametrize("counts", [(1, 1), (5, 1), (3, 2)])
 def test_modes_are_given_up_in_turn_at_forces_of_the_formula(modes, counts):
     """A hand that does not move: ½ (F_i² - F_j²) / b² = log(odds) + log(π_i / π_j)."""
-    agent, config = agent_of(modes, *counts), ModeConfig()
+    agents = [POLICIES["gp"].method.follow(mode.movement) for mode in modes]
+    config = ModeConfig()
+    agent = ModesAgent(agents, counts, config)
     agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
     given_up, force, mode = [], 0.0, 0
     for _ in range(500):

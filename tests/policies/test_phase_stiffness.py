@@ -13,19 +13,15 @@ from gplfd_policies.control.stiffness import PhaseStiffness
 LAW = np.repeat([250.0, 25.0], 3)
 
 
-def table(share, direction=(np.nan,) * 3):
-    """Learned stiffness of 160 N/m and 16 N m/rad at every phase."""
-    values = np.repeat([160.0, 16.0], 3)
-    return PhaseStiffness(
-        stiffness=np.tile(values, (5, 1)),
-        share=np.full((5, 6), share),
-        direction=np.tile(direction, (5, 1)),
-    )
-
-
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 250), (0.5, 200), (1.0, 160)])
 def test_learned_stiffness_and_law_are_combined_by_their_logarithms(share, expected):
-    combined = table(share).combined(LAW, np.float64(0.3))
+    """Learned are 160 N/m and 16 N m/rad at every phase."""
+    learned = PhaseStiffness(
+        stiffness=np.tile(np.repeat([160.0, 16.0], 3), (5, 1)),
+        share=np.full((5, 6), share),
+        direction=np.full((5, 3), np.nan),
+    )
+    combined = learned.combined(LAW, np.float64(0.3))
     assert_allclose(combined, expected * np.repeat([1.0, 0.1], 3), rtol=1e-12)
     assert share > 0.0 or np.array_equal(combined, LAW)
 

@@ -34,8 +34,8 @@ def arcs(radii, rng):
     return poses
 
 
-def aligned(poses, times=TIMES):
-    return AlignedDemonstrations(times=times, poses=poses, duration=4.0)
+def aligned(poses):
+    return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
 
 
 @pytest.fixture(scope="module")
@@ -64,19 +64,16 @@ def test_prediction_is_equations_10_and_11(skill):
     assert_allclose(predicted.std[:, output], std, rtol=1e-9)
 
 
-def test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread():
+def test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread(skill):
+    """Where deviations are smooth, which are told from independent ones."""
     smooth = fit_skill(aligned(arcs([0.3, 0.4, 0.5, 0.6], np.random.default_rng(0))))
-    assert smooth.smoothness > 0.95
+    assert skill.smoothness < 0.1 < 0.95 < smooth.smoothness
     moments = smooth.processes.moments(TIMES)
     variance = smooth.predict(TIMES).std ** 2
     share = smooth.smoothness / 4.0
     assert (variance >= moments.noise * (1.0 + share) * (1.0 - 1e-12)).all()
     # The model's own value would be far below.
     assert np.median(moments.latent / moments.noise) < 0.5 * share
-
-
-def test_independent_deviations_are_told_from_smooth_ones(skill):
-    assert skill.smoothness < 0.1
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9, 0.99])

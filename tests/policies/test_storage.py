@@ -66,14 +66,15 @@ def test_a_folder_or_no_file_is_refused(tmp_path):
         (KIND, 4, ARRAYS, "it has version 4, and this program reads version 3"),
         (KIND, 3, {}, "it lacks 'curve'"),
         (KIND, 3, ARRAYS | {"curve": np.array([{}])}, "Object arrays cannot be loaded"),
-        (None, None, None, ""),
+        (b"", None, None, ""),  # cut
+        (b"\x89PNG\r\n\x1a\n", None, None, ""),
     ],
 )
 def test_a_file_with_other_content_is_refused(archive, kind, version, arrays, reason):
-    if kind is not None:
-        write_archive(archive, kind=kind, version=version, arrays=arrays)
+    if isinstance(kind, bytes):
+        archive.write_bytes(kind or archive.read_bytes()[:200])
     else:
-        archive.write_bytes(archive.read_bytes()[:200])
+        write_archive(archive, kind=kind, version=version, arrays=arrays)
     message = f"archive.npz cannot be read as a test: .*{reason}.*make this one again"
     with pytest.raises(ValueError, match=message):
         read(archive)

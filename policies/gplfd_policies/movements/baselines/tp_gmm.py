@@ -8,7 +8,7 @@ In a new situation the Gaussians of all frames are transformed to it and multipl
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
 with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ, and the mixture is regressed.
-Frames that agree count as independent (``test_two_equal_frames_halve_the_variance``).
+Frames that agree count as independent: two equal ones halve the variance.
 
 Choices that the tutorial leaves to the user:
 
