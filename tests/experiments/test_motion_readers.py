@@ -59,10 +59,6 @@ def write_csv(path: Path) -> None:
     path.write_text("# recorded by hand\n" + "\n".join([heads, *lines]) + "\n")
 
 
-def write_npz(path: Path) -> None:
-    np.savez(path, times=TIMES, positions=POSITIONS, quaternions_xyzw=XYZW)
-
-
 def write_mat(path: Path, format: str = "5") -> None:
     arrays = {"t": TIMES, "p": 1e3 * POSITIONS, "q": WXYZ, "forces": FORCE}
     scipy.io.savemat(path, arrays, do_compression=format == "5", format=format)
@@ -239,11 +235,12 @@ FORCELESS: Any = {"forces": False}
 SQLITE = {"storage": StoragePlugin.SQLITE3}
 PARQUET = "data/chunk-000/file-000.parquet"
 METADATA = "data/metadata.json"
+ARRAYS = {"times": TIMES, "positions": POSITIONS, "quaternions_xyzw": XYZW}
 write_minari = partial(shutil.copytree, RECORDED)
 MM = ImportSettings(quaternions="wxyz", units="mm")
 KINDS = {
     "csv": Kind(write_csv, "a.csv"),
-    "npz": Kind(write_npz, "a.npz", **FORCELESS),
+    "npz": Kind(lambda path: np.savez(path, **ARRAYS), "a.npz", **FORCELESS),
     "mat": Kind(write_mat, "a.mat", MM),
     "mat-4": Kind(partial(write_mat, format="4"), "a.mat", MM),
     "mvnx": Kind(write_mvnx, "a.mvnx", **FORCELESS),

@@ -1,6 +1,5 @@
 """Doors opened through a socket by a process that has no MuJoCo, and its journal."""
 
-import contextlib
 import subprocess
 import sys
 import time
@@ -32,54 +31,36 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-@pytest.fixture
-def started(monkeypatch):
-    """Return a function that starts a process, which ends with the test at the latest.
-
-    Type checks at run time, which take nine tenths of a step, are off.
-    """
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    with contextlib.ExitStack() as stack:
-
-        def start(*words):
-            command = list(map(str, words))
-            process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
-
-        yield start
-
-
 @pytest.mark.bits
-def test_a_door_opened_through_a_socket_is_that_of_one_process(tmp_path, started):
+def test_a_door_opened_through_a_socket_is_that_of_one_process(tmp_path, monkeypatch):
     """All that is logged of it; then the server is killed, and its journal is there."""
+    # Type checks at run time take nine tenths of a step.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     skill, socket, journal = (tmp_path / name for name in ("s.npz", "s", "j.jsonl"))
     shown = Teacher().standard_demonstrations(seed=0)
     skill_method("gp").learn(TrainingInput(demonstrations=shown)).save(skill)
-    words = ["serve", skill, "--socket", socket, "--journal", journal]
-    patient = ["--hold-after", "600", "--stop-after", "600"]
+    words = [sys.executable, "-c", SERVE, "serve", skill, "--socket", socket]
+    words += ["--journal", journal, "--hold-after", "600", "--stop-after", "600"]
     ((name, config),) = named_doors(["small"]).items()
     task = episode_task(name, config, policy="gp", seed=0)
-    server = started(sys.executable, "-c", SERVE, *words, *patient)
-    assert "on this machine: unix:" in server.stderr.readline()
-    remote = RemoteAgent(f"unix:{socket}", explain=True)
-    logs = []
-    method, learned = method_and_skill("gp", skill)
-    for agent in (method.follow(learned), remote):
-        with make_environment(task, agent.control) as env:
-            logs.append(
-                rollout(env, agent, policy="gp", door=name, seed=task.reset_seed)
-            )
-    observation = {"time": np.zeros(1), "ee_pose": np.zeros(6)}
-    with pytest.raises(RefusedError, match="field: wrench is missing"):
-        remote.act(observation)
-    # A line of the journal is written after the reply.
-    patience = time.monotonic() + 30.0
-    while '"field"' not in journal.read_text() and time.monotonic() < patience:
-        time.sleep(0.01)
-    server.kill()
-    server.wait()
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            assert "on this machine: unix:" in server.stderr.readline()
+            remote = RemoteAgent(f"unix:{socket}", explain=True)
+            method, learned = method_and_skill("gp", skill)
+            names, logs = {"policy": "gp", "door": name, "seed": task.reset_seed}, []
+            for agent in (method.follow(learned), remote):
+                with make_environment(task, agent.control) as env:
+                    logs.append(rollout(env, agent, **names))
+            observation = {"time": np.zeros(1), "ee_pose": np.zeros(6)}
+            with pytest.raises(RefusedError, match="field: wrench is missing"):
+                remote.act(observation)
+            # A line of the journal is written after the reply.
+            patience = time.monotonic() + 30.0
+            while '"field"' not in journal.read_text() and time.monotonic() < patience:
+                time.sleep(0.01)
+        finally:
+            server.kill()
     with pytest.raises(ServerLostError, match="hold the robot"):
         remote.act(observation)
     remote.close()

@@ -32,13 +32,6 @@ def metrics(folder: str) -> dict[str, Any]:
     return {name: value for name, value in one.items() if "latency" not in name}
 
 
-def next_command(capsys) -> list[str]:
-    """Return the arguments of the command that was printed last."""
-    program, *arguments = shlex.split(capsys.readouterr().out.rsplit(":  ")[-1])
-    assert program == "gplfd"
-    return arguments
-
-
 @pytest.mark.filterwarnings("ignore:sensor noise")
 @pytest.mark.usefixtures("short_episodes")
 def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
@@ -54,9 +47,9 @@ def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys
     capsys.readouterr()
     assert cli.main([*learn, "--out", "my skill.npz", "--quiet"]) == 0
     again = ["run", "--skill", "my skill.npz", "--doors", "oven", "doors/mine.json"]
-    given = next_command(capsys)
-    assert given == [*again, *policy]
-    assert cli.main([*given, "--out", "again", "--quiet"]) == 0
+    printed = capsys.readouterr().out.rsplit(":  ")[-1]
+    assert shlex.split(printed) == ["gplfd", *again, *policy]
+    assert cli.main([*again, *policy, "--out", "again", "--quiet"]) == 0
     assert cli.main([*again, "--out", "other"]) == 2  # The policy of another.
     assert demonstrated_doors(Path("kinds/demonstrations-0.5.npz")) == ("0.50",)
     assert demonstrated_doors(Path("demos.npz")) == ()

@@ -35,15 +35,6 @@ def tolerated(k, d, m, loop=LOOP):
     return float(loop.tolerated_delay(six(k), six(d), six(m))[0])
 
 
-def growth(k, d, m, periods):
-    """Largest modulus of a root of the discretised loop, from its polynomial in 1/z."""
-    inertia, resistance = m / H**2, d / H
-    polynomial = np.zeros(max(periods + 2, 3))
-    polynomial[:3] = [inertia + resistance + k, -2 * inertia - resistance, inertia]
-    polynomial[periods + 1] += HELD
-    return np.abs(np.roots(polynomial)).max()
-
-
 @given(
     k=magnitudes(0.1, 0.99 * HELD),
     d=magnitudes(0.1, 1000.0),
@@ -51,7 +42,12 @@ def growth(k, d, m, periods):
     periods=st.integers(0, 8),
 )
 def test_tolerated_delay_is_the_edge_of_stability(k, d, m, periods):
-    modulus = growth(k, d, m, periods)
+    """By the largest root of the discretised loop, from its polynomial in 1/z."""
+    inertia, resistance = m / H**2, d / H
+    polynomial = np.zeros(max(periods + 2, 3))
+    polynomial[:3] = [inertia + resistance + k, -2 * inertia - resistance, inertia]
+    polynomial[periods + 1] += HELD
+    modulus = np.abs(np.roots(polynomial)).max()
     assume(abs(modulus - 1.0) > 1e-6)
     assert (periods * H < tolerated(k, d, m)) == (modulus < 1.0)
 

@@ -35,13 +35,11 @@ SHORT_CHAIN = WishartGPConfig(steps=40, discarded=10, times=20)
 LINE = PosePath(phases=np.array([0.0, 1.0]), poses=np.outer([0.1, 0.5], np.arange(6.0)))
 
 
-def fit_around_a_line(aligned):
-    return fit_residual(aligned, LINE, partial(fit_skill, centred=False))
-
-
 FITS = {
     "gp": fit_skill,
-    "gp around a prior mean": fit_around_a_line,
+    "gp around a prior mean": lambda aligned: fit_residual(
+        aligned, LINE, partial(fit_skill, centred=False)
+    ),
     "dmp": fit_dmp,
     "dmp with a spread": partial(fit_dmp, config=DMPConfig(spread=True)),
     "promp": fit_promp,

@@ -22,10 +22,6 @@ TRUSTING = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
 NOWHERE = np.float64(0.0)
 
 
-def arc(radius, angles):
-    return np.array([handle_pose_on_arc(radius, angle) for angle in angles])
-
-
 def follow(skill, poses, config=None, rule=None, start=NOWHERE):
     """Phases, standard deviations and misfits along a path, each from the last."""
     rule = rule or PathPhase(skill, config or PathPhaseConfig())
@@ -63,7 +59,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     rule = PathPhase(skill, PathPhaseConfig(window=(1.0, 1.0)))
     angle, estimates = 0.4, []
     for _ in range(300):
-        pose = arc(rng.uniform(0.35, 0.65), [angle])
+        pose = handle_pose_on_arc(rng.uniform(0.35, 0.65), np.array([angle]))
         seen = turned(pose, PRIOR * rng.normal()) + errors * rng.normal(size=6)
         rule.reset()
         estimates.append(follow(skill, seen, rule=rule)[:2, 0])
@@ -179,7 +175,7 @@ def test_rate_is_the_derivative_of_the_mean(skill):
 @pytest.mark.parametrize("yaw", np.radians([-5.0, 5.0]))
 def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
     angles = np.linspace(0.0, FINAL_ANGLE, 500)
-    poses = arc(radius, angles)
+    poses = handle_pose_on_arc(radius, angles)
     straight = follow(skill, poses)[0]
     askew, std, _ = follow(skill, turned(poses, yaw))
     misled = follow(skill, turned(poses, yaw), TRUSTING)[0]
