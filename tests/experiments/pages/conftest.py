@@ -1,12 +1,11 @@
 """A real browser that opens the page of a person who teaches."""
 
-import contextlib
 import json
 import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +92,9 @@ def visitor() -> type[Visitor]:
     return Visitor
 
 
-@contextlib.contextmanager
-def run_browser(folder: Path) -> Iterator[Page]:
-    """Run a headless Chromium with a profile in a folder; yield an empty page."""
+@pytest.fixture
+def tab(tmp_path: Path) -> Iterator[Page]:
+    """Return an empty page of a headless Chromium with its profile in the folder."""
     command = [
         shutil.which("chromium") or "google-chrome",
         "--headless=new",
@@ -103,12 +102,12 @@ def run_browser(folder: Path) -> Iterator[Page]:
         "--disable-dev-shm-usage",
         "--disable-gpu",
         "--remote-debugging-pipe",
-        f"--user-data-dir={folder}",
+        f"--user-data-dir={tmp_path}",
         "--window-size=1000,1000",
         "about:blank",
     ]
     down, up = os.pipe(), os.pipe()
-    with (folder / "log").open("wb") as log:
+    with (tmp_path / "log").open("wb") as log:
         # The protocol is spoken on the files 3 and 4.
         process = subprocess.Popen(
             ["bash", "-c", f"exec {shlex.join(command)} 3<&{down[0]} 4>&{up[1]}"],
@@ -125,9 +124,3 @@ def run_browser(folder: Path) -> Iterator[Page]:
     finally:
         process.terminate()
         process.wait(10)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Callable[[Path], contextlib.AbstractContextManager[Page]]:
-    """Give a page in a Chromium whose profile is in a folder."""
-    return run_browser

@@ -178,27 +178,26 @@ def test_only_the_page_of_this_machine_is_answered(
 
 
 @pytest.mark.needs("chromium")
-def test_a_mouse_in_a_browser_opens_a_door(tmp_path: Path, browser: Any) -> None:
+def test_a_mouse_in_a_browser_opens_a_door(tmp_path: Path, tab: Any) -> None:
     folder = tmp_path / "set"
-    with serving(folder) as port, browser(tmp_path) as page:
-        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
-        page.wait("document.title === 'ready 0'")
-        x, y, width = page.value(
-            "(b => [b.x, b.y, b.width])(canvas.getBoundingClientRect())"
-        )
+    with serving(folder) as port:
+        tab.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        tab.wait("document.title === 'ready 0'")
+        place = "(b => [b.x, b.y, b.width])(canvas.getBoundingClientRect())"
+        x, y, width = tab.value(place)
         # The handle of the closed door is drawn there.
         x, y = x + 0.45 * width, y + 0.306 * 0.75 * width
-        page.mouse("mousePressed", x, y, button="left", clickCount=1)
+        tab.mouse("mousePressed", x, y, button="left", clickCount=1)
         for part in range(40):
-            page.mouse("mouseMoved", x, y + 0.004 * width * part, buttons=1)
-            page.wait("events.length === 0")
-        page.mouse("mouseReleased", x, y, button="left")
-        assert float(page.value("$('numbers').innerText.match(/([\\d.]+)°/)[1]")) > 5.0
-        page.value("document.querySelector('[value=stop]').click()")
-        page.wait("document.title === 'shown 0'")
-        page.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
-        page.wait("document.title === 'ready 1'")
-        assert page.errors == []
+            tab.mouse("mouseMoved", x, y + 0.004 * width * part, buttons=1)
+            tab.wait("events.length === 0")
+        tab.mouse("mouseReleased", x, y, button="left")
+        assert float(tab.value("$('numbers').innerText.match(/([\\d.]+)°/)[1]")) > 5.0
+        tab.value("document.querySelector('[value=stop]').click()")
+        tab.wait("document.title === 'shown 0'")
+        tab.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
+        tab.wait("document.title === 'ready 1'")
+        assert tab.errors == []
     assert len(load_demonstrations(folder).demonstrations) == 1
 
 
@@ -212,23 +211,23 @@ HID = """
 
 @pytest.mark.needs("chromium")
 def test_a_spacemouse_leads_along_the_axes_of_the_door(
-    tmp_path: Path, browser: Any
+    tmp_path: Path, tab: Any
 ) -> None:
-    with serving(tmp_path / "set", "spacemouse") as port, browser(tmp_path) as page:
-        page.call("Page.enable")
-        page.call("Page.addScriptToEvaluateOnNewDocument", source=HID)
-        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
-        page.wait("document.title === 'ready 0'")
-        page.value("$('connect').click()")
-        page.wait("$('help').innerText.startsWith('Cap is connected')")
+    with serving(tmp_path / "set", "spacemouse") as port:
+        tab.call("Page.enable")
+        tab.call("Page.addScriptToEvaluateOnNewDocument", source=HID)
+        tab.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        tab.wait("document.title === 'ready 0'")
+        tab.value("$('connect').click()")
+        tab.wait("$('help').innerText.startsWith('Cap is connected')")
         report = """found.oninputreport({reportId: %d, timeStamp: performance.now(),
             data: new DataView(new Int16Array(%s).buffer)})"""
         # Right, towards the person, down: -z, +x and -y of the task frame.
-        page.value(report % (1, [35, 175, 70]))
-        assert page.value("cap") == [0.5, -0.2, -0.1, 0, 0, 0]
-        page.value(report % (2, [0, 0, 350]))
-        assert page.value("cap") == [0.5, -0.2, -0.1, 0, -1, 0]
-        page.wait("document.title === 'leading 0'")
-        page.value("navigator.hid.ondisconnect()")
-        assert page.value("cap") == [0, 0, 0, 0, 0, 0]
-        assert page.errors == []
+        tab.value(report % (1, [35, 175, 70]))
+        assert tab.value("cap") == [0.5, -0.2, -0.1, 0, 0, 0]
+        tab.value(report % (2, [0, 0, 350]))
+        assert tab.value("cap") == [0.5, -0.2, -0.1, 0, -1, 0]
+        tab.wait("document.title === 'leading 0'")
+        tab.value("navigator.hid.ondisconnect()")
+        assert tab.value("cap") == [0, 0, 0, 0, 0, 0]
+        assert tab.errors == []
