@@ -35,7 +35,7 @@ def test_many_ways_to_say_the_same_door(radius):
     ],
 )
 def test_every_part_checks_its_fields(record, field, wrong):
-    """What the ranges are is on the page; see test_environment_page.py."""
+    """The page has a table of the ranges, made from the records."""
     allowed = rf"{record.__name__}\.{field} = {wrong!r} is (outside|not one of)"
     with pytest.raises(ValueError, match=allowed):
         record(**{field: wrong})

@@ -19,7 +19,7 @@ from gplfd_env.doors.randomization import (
 )
 from gplfd_env.doors.variation import Variation
 
-# Field: the widest range, as the page says; see test_environment_page.py.
+# Field: the widest range, as the page says.
 DOOR_FIELDS = {
     "radius": (0.30, 0.95),
     "hinge_friction": (0.0, 50.0),
