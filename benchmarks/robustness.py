@@ -42,12 +42,12 @@ def tasks_of(name: str, seeds: int) -> list[EpisodeTask]:
     arguments, policies = dict(VARIANTS[name]), list(TRACKS["learner"].policies)
     draws = arguments.pop("draws", {})
     if arguments.pop("unchanged", ""):
-        found = tuned_settings()
-        policies = [f"{p}@tuned" for p in found if found[p] != SPACES[p].published]
+        best = tuned_settings()
+        policies = [f"{p}@tuned" for p in best if best[p] != SPACES[p].published]
     trials = named_trials(TRACKS["learner"].trials)
     tasks = trial_tasks(trials, only=policies, seeds=seeds, **arguments)
-    own: list[Any] = [task.randomization for task in tasks]
-    drawn = [draws | ({} if each == "none" else each) or "none" for each in own]
+    before: list[Any] = [task.randomization for task in tasks]
+    drawn = [draws | ({} if each == "none" else each) or "none" for each in before]
     return [
         replace(task, randomization=each)
         for task, each in zip(tasks, drawn, strict=True)

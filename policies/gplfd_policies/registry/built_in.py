@@ -313,7 +313,7 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
         return replace(
             policy, summary=f"{policy.summary}; as published", make=PUBLISHED[name]
         )
-    if pipeline == "tuned" and name in tuned_settings():
+    if pipeline == "tuned" and name in SPACES:
         return tuned(name, tuned_settings()[name])
     changed, summary = method.pipeline, [policy.summary]
     for part in pipeline.split("+"):
@@ -349,7 +349,7 @@ class Setting(NamedTuple):
 
 
 class Space(NamedTuple):
-    """The settings of a learner and of its pipeline, which are tuned."""
+    """The settings of a learner and its pipeline."""
 
     settings: Mapping[str, Setting]
     """By name: those of the pipeline, and arguments of `config`."""
@@ -380,6 +380,7 @@ _FITS: Final[Mapping[str, tuple[Any, ...]]] = {
     "gmm-gp": (GMMGPConfig,),
     "gp": (MapNoise, "noise"),
 }
+"""What makes the configuration of a learner's fit, and the name of its argument."""
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
         name: Space(_SPACES["pipeline"] | _SPACES.get(name, {}), *fit)
@@ -393,9 +394,7 @@ def tuned_settings() -> Mapping[str, Values]:
     """Return the settings found by tuning, by learner."""
     file = Path(__file__).with_name("tuned.json")
     policies = json.loads(file.read_text(encoding="utf-8"))["policies"]
-    return {
-        name: policies[name]["tuned"]["settings"] for name in SPACES if name in policies
-    }
+    return {name: policies[name]["tuned"]["settings"] for name in SPACES}
 
 
 def tuned(name: str, values: Values) -> Policy:
@@ -405,8 +404,8 @@ def tuned(name: str, values: Values) -> Policy:
     door's size; and ``via_std_factor`` multiplies the noise of via-points.
     """
     space, learner = SPACES[name], LEARNERS[name]
-    own = {**space.published, **values}
-    resolution, size_std, factor = (own.pop(each) for each in _SPACES["pipeline"])
+    settings = {**space.published, **values}
+    resolution, size_std, factor = map(settings.pop, _SPACES["pipeline"])
     position, rotation = POSE_ERROR
     sizes = PathPhaseConfig(similarity=SimilarityConfig(size_std=size_std))
     pipeline = Pipeline(
@@ -415,7 +414,7 @@ def tuned(name: str, values: Values) -> Policy:
         config=ComplianceConfig(via_std=(factor * position, factor * rotation)),
     )
     if space.config is not None:
-        fit = partial(learner.fit, **{space.argument: space.config(**own)})
+        fit = partial(learner.fit, **{space.argument: space.config(**settings)})
         learner = replace(learner, fit=fit)
     text = ", ".join(f"{setting} {value:.3g}" for setting, value in values.items())
     return Policy(
