@@ -8,7 +8,6 @@ second; several, joined as in PATH, take turns by the seed. As in `lerobot-eval`
 """
 
 import os
-from collections import deque
 
 import numpy as np
 import torch
@@ -20,8 +19,8 @@ from gplfd_env.envs.waypoints import SIZES, Waypoints, seen
 from gplfd_policies.control.rendering import VirtualRendering
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS
 
-RATE = 20  # actions per second
 STIFFNESS = np.repeat([500.0, 50.0], 3)  # [N/m, N m/rad]
+STRETCH = {"relative": 2.0}  # What suits the stiff arm pulls too weakly otherwise.
 
 
 class Checkpoint:
@@ -32,19 +31,19 @@ class Checkpoint:
         return self.waypoints.control
 
     def __init__(self, folder, seed):
-        self.seed = seed
+        self.seed, self.stretch = seed, 1.0
         config = PreTrainedConfig.from_pretrained(folder)
         kind = get_policy_class(config.type)
         self.policy = kind.from_pretrained(folder, config=config).eval()
         self.before, self.after = make_pre_post_processors(config, folder)
-        (size,) = config.output_features["action"].shape
-        (form,) = (form for form, numbers in SIZES.items() if numbers == size)
-        self.waypoints = Waypoints(RATE, form)
+        shape = config.output_features["action"].shape
+        (form,) = (form for form, size in SIZES.items() if (size,) == shape)
+        self.waypoints = Waypoints(20, form)  # actions per second
 
     def reset(self, observation):
         self.policy.reset()
         self.waypoints.reset(observation["ee_pose"])
-        self.commands, self.asked = deque(), 0
+        self.commands, self.asked = [], 0
 
     def act(self, observation):
         if not self.commands:
@@ -56,9 +55,9 @@ class Checkpoint:
             self.asked += 1
             with torch.inference_mode():
                 action = self.after(self.policy.select_action(self.before(batch)))[0]
-            hand = observation["ee_pose"]
-            self.commands.extend(self.waypoints.commands(action.numpy(), hand))
-        return self.commands.popleft()
+            numbers, hand = self.stretch * action.numpy(), observation["ee_pose"]
+            self.commands.extend(self.waypoints.commands(numbers, hand))
+        return self.commands.pop(0)
 
 
 class CompliantCheckpoint(Checkpoint):
@@ -68,6 +67,7 @@ class CompliantCheckpoint(Checkpoint):
 
     def reset(self, observation):
         super().reset(observation)
+        self.stretch = STRETCH.get(self.waypoints.form, 1.0)
         self.admittance = VirtualRendering(DEFAULT_DYNAMICS, CONTROL_PERIOD)
 
     def act(self, observation):
