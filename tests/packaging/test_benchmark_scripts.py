@@ -162,6 +162,7 @@ def test_the_criteria_of_the_protocol_decide(gain, separated, oracle, mean, meas
 def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
     """Between those that open more and less; with lost episodes it has none."""
     monkeypatch.setattr(leaderboard, "STORED", tmp_path / "none.json")
+    monkeypatch.setattr(leaderboard, "SUBMISSIONS", tmp_path / "none")
     content, theirs = results({"oracle": 0.9, "mine:make": 0.8}), tmp_path / "a.json"
 
     def printed() -> str:
@@ -169,8 +170,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys, monkeypatch):
         tyro.cli(leaderboard.main, args=[str(theirs)])
         return capsys.readouterr().out
 
-    learner = printed().split("## Track ")[1]
-    first, second = learner.splitlines()[4:6]
+    first, second = printed().split("## Track ")[1].splitlines()[4:6]
     assert first.startswith("| `oracle` | the door | 90 %<br>90 to 91 |")
     assert second.startswith("| `mine:make` | demonstrations | 80 %<br>80 to 81 |")
     content["trials"]["motions"]["flap"]["mine:make"]["lost"] = 1
