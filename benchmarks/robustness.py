@@ -56,18 +56,18 @@ def tasks_of(name: str, seeds: int) -> list[EpisodeTask]:
 
 
 def numbers_of(episodes: Sequence[EpisodeResult]) -> dict[str, dict[str, float]]:
-    """Return the share of opened doors, and the median force [N], by policy."""
+    """Return opened doors, trials weighted equally, and median force [N], by policy."""
     numbers: dict[str, dict[str, float]] = {}
     for policy in TRACKS["learner"].policies:
-        levels: dict[tuple[str, str], list[bool]] = {}
+        trials: dict[str, dict[str, list[bool]]] = {}
         ran = [e for e in episodes if split_name(e.policy)[0] == policy and e.counts]
         for episode in ran:
-            place = episode.task.trial, episode.task.level
-            levels.setdefault(place, []).append(episode.solved)
+            levels = trials.setdefault(episode.task.trial, {})
+            levels.setdefault(episode.task.level, []).append(episode.solved)
         if ran:
             forces = [episode.metrics[FORCE] for episode in ran if episode.solved]
-            share = fmean(map(fmean, levels.values()))
-            numbers[policy] = {"success": share, FORCE: median(forces)}
+            shares = [fmean(map(fmean, levels.values())) for levels in trials.values()]
+            numbers[policy] = {"success": fmean(shares), FORCE: median(forces)}
     return numbers
 
 

@@ -147,11 +147,8 @@ class WaypointDoor(gym.Env[dict[str, Any], Array]):
         cameras: Sequence[str] = (),
         size: tuple[int, int] = (320, 240),
     ) -> None:
-        self.condition, self.task, self.task_description = (
-            condition,
-            condition.name,
-            TASK,
-        )
+        self.condition, self.task = condition, condition.name
+        self.task_description = TASK
         self._waypoints = Waypoints(rate, form)
         self._max_episode_steps = gplfd_env.TIME_LIMIT // self._waypoints.per_action
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate}
@@ -219,6 +216,8 @@ class WaypointDoor(gym.Env[dict[str, Any], Array]):
         return observed
 
     def _picture(self, name: str) -> Any:
+        if self._env is None:
+            raise gym.error.ResetNeeded("call reset() before the first render()")
         inner = self._env.unwrapped
         if name not in self._cameras:
             self._cameras[name] = Camera(inner.model, *self._size, name, effects=False)

@@ -23,8 +23,9 @@ try:
     from lerobot.envs import EnvConfig
 except ImportError as error:
     raise ImportError(
-        f"gplfd_env.lerobot needs LeRobot 0.6 ({error}); with Python 3.12 or newer: "
-        "pip install 'lerobot[dataset,evaluation,training]>=0.6.1,<0.7'"
+        f"gplfd_env.lerobot needs LeRobot 0.6 ({error}), with Python 3.12 or newer; in "
+        "a checkout of gplfd: pip install '.[lerobot]', elsewhere: pip install "
+        "'gplfd[lerobot]'"
     ) from error
 
 __all__ = ["DoorEnvConfig", "conditions"]

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import sqlite3
 import subprocess
 import sys
 from typing import Any
@@ -92,6 +93,20 @@ def test_a_folder_is_of_one_process_until_it_dies(refused, tmp_path):
     assert not list(path.iterdir())
 
 
+def test_a_folder_that_is_released_meanwhile_is_refused(tmp_path, monkeypatch):
+    first, connect = folder_in_use(tmp_path), sqlite3.connect
+
+    def late(*arguments):
+        lock = connect(*arguments)
+        first.__exit__(None, None, None)
+        return lock
+
+    first.__enter__()
+    monkeypatch.setattr(sqlite3, "connect", late)
+    with pytest.raises(ValueError, match="in use by another"), folder_in_use(tmp_path):
+        pass
+
+
 @pytest.mark.usefixtures("policies_here", "short_episodes")
 def test_a_policy_that_changes_the_folder_does_not_move_the_results(gplfd, tmp_path):
     (tmp_path / "there").mkdir()
@@ -151,10 +166,8 @@ def test_a_run_that_ends_early_leaves_complete_files(
 def test_a_run_may_be_randomized_and_disturbed(gplfd, tmp_path):
     run = (*ORACLE, "--doors", "small", "large", "--seed", "3", "--out", "hard")
     assert gplfd(*run, "--randomization", "hard", "--disturbance", "person") == 0
-    small, large = (
-        EpisodeLog.load(tmp_path / "hard" / f"{door}.npz")
-        for door in ("small", "large")
-    )
+    small = EpisodeLog.load(tmp_path / "hard" / "small.npz")
+    large = EpisodeLog.load(tmp_path / "hard" / "large.npz")
     assert small.door_config["hinge_friction"] != DOORS["small"].hinge_friction
     assert large.radius != small.radius, "each door of a run draws for itself"
     config = json.loads((tmp_path / "hard" / "run.json").read_text())["config"]

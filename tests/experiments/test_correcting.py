@@ -19,10 +19,7 @@ from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore:sensor noise"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:sensor noise")]
 
 DOOR = DoorGeometry.of(DoorConfig(radius=0.5))
 

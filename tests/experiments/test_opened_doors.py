@@ -97,8 +97,7 @@ def test_doors_of_rooms_are_opened_with_less_force_than_the_standard_allows():
 
 
 @pytest.mark.parametrize(
-    ("policy", "opens"),
-    [("hinge-fit", False), ("hinge-fit-told", True)],
+    ("policy", "opens"), [("hinge-fit", False), ("hinge-fit-told", True)]
 )
 def test_only_a_known_handle_is_turned(policy, opens):
     """A circle fit alone does not open a latch."""

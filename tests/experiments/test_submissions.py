@@ -74,7 +74,12 @@ def changed(change, *, adapted, trust=("--trust",)):
 
 
 def test_what_was_submitted_is_verified_and_what_was_changed_is_found(trials, capsys):
+    stored = Path("trials", "tasks", f"{trials[0].key}.json")
+    result = json.loads(stored.read_text())
+    stored.write_text(json.dumps({**result, "traceback": f"in {Path.cwd()}"}))
     assert main(["submit", "trials", *CARD]) == 0
+    with zipfile.ZipFile("submission.zip") as archive:
+        assert json.loads(archive.read(f"tasks/{stored.name}")) == result
     assert "pull_request" in capsys.readouterr().out.lower().replace(" ", "_")
     first = Path("submission.zip").read_bytes()
     assert main(["submit", "trials", *CARD]) == 0
@@ -126,9 +131,8 @@ def test_what_does_not_follow_the_protocol_is_not_submitted(trials, capsys):
     assert main(["submit", "trials", *CARD[:-3]]) == 2
     assert "must state knowledge, by options" in capsys.readouterr().err
     Path("trials", "tasks", f"{trials[0].key}.json").unlink()
-    Path("card.toml").write_text(
-        'authors = ["A"]\ncode = "x"\ntraining_data = "none"\n'
-    )
+    card = 'authors = ["A"]\ncode = "x"\ntraining_data = "none"\n'
+    Path("card.toml").write_text(card)
     words = ["submit", "trials", "--card", "card.toml", "--knowledge", "data"]
     assert main(words) == 1
     assert "1 of 2 are missing" in capsys.readouterr().out
@@ -138,19 +142,14 @@ def test_what_does_not_follow_the_protocol_is_not_submitted(trials, capsys):
 @pytest.mark.parametrize(
     "names",
     [
-        *(
-            ["../tasks/a.json"],
-            ["/tasks/a.json"],
-            ["policies/../a.py"],
-            ["tasks/a.pkl"],
-        ),
-        *(["tasks/a.json"], ["study.json"] * 2, ["policies/./a"], ["policies\\a"], []),
+        *("../tasks/a.json", "/tasks/a.json", "policies/../a.py", "tasks/a.pkl"),
+        *("tasks/a.json", "study.json study.json", "policies/./a", "policies\\a", ""),
     ],
 )
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_a_strange_archive_is_bad_input(names, tmp_path, capsys):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        for name in names:
+        for name in names.split():
             archive.writestr(name, "{}")
     assert main(["verify", str(tmp_path / "a.zip")]) == 2
     assert "it is no submission" in capsys.readouterr().err

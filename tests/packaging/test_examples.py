@@ -60,10 +60,8 @@ def test_example_runs(name, tmp_path, printed):
 
 
 def pose_stamped(x=0.0):
-    point, turn = (
-        SimpleNamespace(x=x, y=0.0, z=0.0),
-        SimpleNamespace(x=0, y=0, z=0, w=1),
-    )
+    point = SimpleNamespace(x=x, y=0.0, z=0.0)
+    turn = SimpleNamespace(x=0, y=0, z=0, w=1)
     pose = SimpleNamespace(position=point, orientation=turn)
     return SimpleNamespace(pose=pose, header=SimpleNamespace())
 
@@ -87,9 +85,8 @@ def test_the_node_plays_a_file_and_stops_where_the_hand_does_not_follow(
 ):
     sent = []
     names = "publisher", "subscription", "timer"
-    node = {f"create_{name}": Mock() for name in names} | {
-        "__init__": lambda *given: None
-    }
+    node = {f"create_{name}": Mock() for name in names}
+    node["__init__"] = lambda *given: None
     log, node["destroy_node"] = Mock(), Mock()
     node["get_logger"], node["get_clock"] = Mock(return_value=log), MagicMock()
     node["create_publisher"].side_effect = lambda kind, topic, depth: SimpleNamespace(

@@ -31,10 +31,6 @@ from gplfd_policies.movements.movement import Movement
 RADII = (0.35, 0.50, 0.65)
 
 
-def minimum_jerk(progress: np.ndarray) -> np.ndarray:
-    return progress**3 * (10.0 - 15.0 * progress + 6.0 * progress**2)
-
-
 @pytest.fixture(scope="session")
 def demonstrations() -> tuple[Demonstration, ...]:
     """Two openings of each of three doors, with a smooth millimetre of wobble."""
@@ -42,7 +38,8 @@ def demonstrations() -> tuple[Demonstration, ...]:
     demonstrations = []
     for radius in np.repeat(RADII, 2):
         times = np.linspace(0.0, rng.uniform(5.0, 7.0), 200)
-        progress = minimum_jerk(times / times[-1])
+        share = times / times[-1]
+        progress = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         final = np.radians(67.0 + rng.normal())
         poses = handle_pose_on_arc(radius, final * progress)
         phase = rng.uniform(0.0, 2.0 * np.pi, 6)

@@ -82,10 +82,7 @@ def test_a_handle_that_goes_back_tells_nothing_of_the_door():
     phases = []
     for kept in (1.0, 0.2):
         back = np.where(angles > 0.15, kept, 1.0)
-        rule, phase = (
-            PathPhase(EmpiricalDistribution(aligned=aligned)),
-            np.zeros(()),
-        )
+        rule, phase = PathPhase(EmpiricalDistribution(aligned=aligned)), np.zeros(())
         opening = np.maximum(angles - 0.15, 0.0)
         for pose in GEOMETRY.hand_poses(opening, pressed * back):
             phase = rule.update(pose, phase, phase).phase

@@ -62,8 +62,7 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
 
 
 @pytest.mark.parametrize(
-    ("name", "resolution"),
-    [("gp", 1e-4), ("promp", 1e-4), ("promp@published", 3e-4)],
+    ("name", "resolution"), [("gp", 1e-4), ("promp", 1e-4), ("promp@published", 3e-4)]
 )
 def test_chosen_resolution_is_that_of_the_stiffness_law(
     name, resolution, demonstrations

@@ -29,10 +29,7 @@ class StudySettings:
     for the same methods as published. mean and hinge-fit, which learn next to nothing,
     are what a learner has to beat."""
 
-    doors: tuple[str, ...] = (
-        *("small", "medium", "large"),
-        *("0.3", "0.42", "0.58", "0.62"),
-    )
+    doors: tuple[str, ...] = ("small", "medium", "large", "0.3", "0.42", "0.58", "0.62")
     """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
     parameters. Small, medium and large (0.35, 0.50, 0.65) are demonstrated."""
 

@@ -317,8 +317,7 @@ def record_dataset(
         )
     steps = settings.max_steps
     limit = {} if steps is None else {"max_episode_steps": steps}
-    # The first agent determines the environment of all episodes, whose resets change
-    # the door.
+    # The first agent determines the environment of all episodes; resets change doors.
     with build.reported_errors(name, policy):
         control = build.learned_agents(first, policy)().control
     with contextlib.closing(build.make_environment(first, control, **limit)) as env:

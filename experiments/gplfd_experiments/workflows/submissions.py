@@ -58,7 +58,9 @@ def submit(folder: Path, out: Path, card: Card, files: Sequence[Path]) -> list[s
         return problems
     members = {"study.json": (folder / "study.json").read_bytes()}
     for path in sorted((folder / "tasks").glob("[!.]*.json")):
-        members[f"tasks/{path.name}"] = path.read_bytes()
+        result = plain_data.read_json(path)
+        result.pop("traceback", None)  # It names folders of the machine.
+        members[f"tasks/{path.name}"] = plain_data.json_text(result).encode()
     attached = {os.path.relpath(file): file.read_bytes() for file in files}
     for task in {e.task.policy: e.task for e in results.episodes}.values():
         if (task.policy_source or {}).get("kind") == "module":

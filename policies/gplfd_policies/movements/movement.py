@@ -18,12 +18,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import (
-    FINEST,
-    interpolated,
-    own_arrays,
-    short_repr,
-)
+from gplfd_policies.arrays.records import FINEST, interpolated, own_arrays, short_repr
 from gplfd_policies.arrays.shapes import Bool, Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations

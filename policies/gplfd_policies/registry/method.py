@@ -45,11 +45,7 @@ from gplfd_policies.movements.movement import (
 )
 from gplfd_policies.movements.prior_mean import PriorMean, fit_residual
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.phase.phase_rule import (
-    ClockPhase,
-    PathPhase,
-    PhaseRule,
-)
+from gplfd_policies.phase.phase_rule import ClockPhase, PathPhase, PhaseRule
 
 _GRID: Final = 100  # number of grid phases of an agent's movement
 _STEEPNESS: Final = 6.0

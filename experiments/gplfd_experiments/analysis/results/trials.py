@@ -35,7 +35,7 @@ SMALLEST_SHARE: Final = 0.05
 _RELEVANT: Final[Mapping[str, float]] = {"N": 1.0, "N s": 1.0, "°": 2.0}
 """The same of other measures, by unit."""
 
-_DIGITS, _LISTED = 5, 3
+_DIGITS, _LISTED = 8, 3
 """Significant digits in trials.json; largest number of tasks that a problem lists."""
 
 
@@ -85,8 +85,7 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 def answered(contrast: protocol.Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
     measure = MEASURES[contrast.measure]
-    # By seed, level if levels are pooled, and door: those that are compared have the
-    # same doors.
+    # By seed, level if levels are pooled, and door: compared ones have the same doors.
     having, lacking = (
         {
             (e.task.seed, "" if side.level else level, e.task.door): value

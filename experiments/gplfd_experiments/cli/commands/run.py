@@ -58,8 +58,7 @@ class Run(RunSettings):
             print(json_text(rows))
             return status
         print(text_table(run_table(rows), None if self.all else FIRST))
-        doors = [row["door"] for row in rows if "error" not in row]
-        if doors:
+        if doors := [row["door"] for row in rows if "error" not in row]:
             file = folder / f"{'medium' if 'medium' in doors else doors[0]}.rrd"
             print(f"\nlook at it:  {options.next_command('view', file)}")
         return status
