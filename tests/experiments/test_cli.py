@@ -3,7 +3,6 @@
 import hashlib
 import json
 import re
-import sqlite3
 import subprocess
 import sys
 from typing import Any
@@ -93,17 +92,16 @@ def test_a_folder_is_of_one_process_until_it_dies(refused, tmp_path):
     assert not list(path.iterdir())
 
 
-def test_a_folder_that_is_released_meanwhile_is_refused(tmp_path, monkeypatch):
-    first, connect = folder_in_use(tmp_path), sqlite3.connect
+def test_a_folder_is_released_after_its_mark_is_removed(tmp_path, monkeypatch):
+    unlinked = type(tmp_path).unlink
 
-    def late(*arguments):
-        lock = connect(*arguments)
-        first.__exit__(None, None, None)
-        return lock
+    def unlink(mark):
+        with pytest.raises(ValueError, match="in use by"), folder_in_use(tmp_path):
+            pass
+        unlinked(mark)
 
-    first.__enter__()
-    monkeypatch.setattr(sqlite3, "connect", late)
-    with pytest.raises(ValueError, match="in use by another"), folder_in_use(tmp_path):
+    monkeypatch.setattr(type(tmp_path), "unlink", unlink)
+    with folder_in_use(tmp_path):
         pass
 
 

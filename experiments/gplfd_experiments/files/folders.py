@@ -64,29 +64,26 @@ def folder_in_use(folder: Path) -> Iterator[Path]:
         raise ValueError(f"--out {folder} is a file; give a folder")
     made = [part for part in (path, *path.parents) if not part.exists()]
     path.mkdir(parents=True, exist_ok=True)
+    # SQLite locks files on every system.
     mark = path / ".in-use"
-    with contextlib.ExitStack() as held:
-        try:
-            mark.touch()
-            file = mark.stat().st_ino
-            # SQLite locks files on every system.
-            lock = held.enter_context(contextlib.closing(sqlite3.connect(mark, 0.0)))
-            lock.execute("BEGIN EXCLUSIVE")
-            if mark.stat().st_ino != file:
-                raise FileExistsError(mark)
-        except (sqlite3.OperationalError, OSError) as error:
-            raise ValueError(
-                f"{folder} is in use by another command, or cannot be written to; wait "
-                "for the other's end, or give another --out"
-            ) from error
-        try:
-            yield path
-        finally:
-            with contextlib.suppress(OSError):  # One is not empty.
-                mark.unlink()  # Before the release: afterwards it may be another's.
-                held.close()
-                for part in made:
-                    part.rmdir()
+    lock = sqlite3.connect(mark, timeout=0.0)
+    try:
+        lock.execute("BEGIN EXCLUSIVE")
+    except sqlite3.OperationalError as error:
+        lock.close()
+        raise ValueError(
+            f"{folder} is in use by another command, or cannot be written to; wait "
+            "for the other's end, or give another --out"
+        ) from error
+    try:
+        yield path
+    finally:
+        with contextlib.suppress(OSError):  # One is not empty.
+            mark.unlink()  # Before the release: afterwards it may be another's.
+            lock.close()
+            for part in made:
+                part.rmdir()
+        lock.close()
 
 
 def file_name(text: str) -> str:
