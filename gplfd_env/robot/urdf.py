@@ -117,6 +117,8 @@ def _hand_of(
     closing: Vector | None,
 ) -> tuple[Arm, dict[str, Any]]:
     """Return the arm up to the hand, and the fields of a `RobotConfig` for the hand."""
+    if grasp_point is not None and not fingers:
+        raise ValueError(f"{file}: grasp_point is between fingers; give them, too")
     strokes = []
     for finger in map(prefixed, fingers or ()):
         joint = urdf.joint_map.get(finger)
@@ -149,9 +151,7 @@ def _hand_of(
     across = (0.0, 1.0, 0.0) if abs(approach[0]) > 0.9 else (1.0, 0.0, 0.0)
     closing = _unit("closing", across if closing is None else closing)
     if abs(np.dot(approach, closing)) > 1e-6:
-        raise ValueError(
-            f"approach {approach}, closing {closing} must be perpendicular"
-        )
+        raise ValueError(f"approach {approach}, closing {closing}: not perpendicular")
     axes, point = np.eye(3), np.array([0.0, 0.0, -_GRIPPER_REACH])
     hand: dict[str, Any] = {
         "tool": "gripper_link",

@@ -41,8 +41,7 @@ def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
     kept = np.where(angle < _IDENTITY_ANGLE, previous < np.pi, kept)
     unwrapped = rotvecs.copy()
     if not kept.all():
-        # From the first jump on, each vector depends on the one before it: this needs a
-        # loop.
+        # After the first jump, each vector depends on the one before it: a loop.
         jump = int(np.argmin(kept)) + 1
         path = rotvecs[jump - 1 :].tolist()
         for index in range(1, len(path)):

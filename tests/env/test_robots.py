@@ -169,13 +169,10 @@ def test_a_file_describes_a_robot(tmp_path):
 @pytest.mark.parametrize(
     ("path", "arguments", "message"),
     [
-        (
-            PANDA,
-            {"fingers": ("panda_joint1", "x")},
-            "prismatic joints .*, got 'panda_jo",
-        ),
+        (PANDA, {"fingers": ("panda_joint1", "x")}, "prismatic joints .*'panda_jo"),
         (PANDA, {"fingers": HAND["fingers"]}, "give grasp_point, where"),
-        (PANDA, HAND | {"closing": (0, 1, 1)}, "must be perpendicular"),
+        (PANDA, HAND | {"closing": (0, 1, 1)}, "not perpendicular"),
+        (PANDA, {"grasp_point": (0, 0, 0.1)}, "is between fingers; give them"),
         (UR5E, {"tool": "hand"}, "has no link 'hand'; it has base_link"),
         (UR5E, {"tool": "forearm_link"}, "3 turning joints lead to 'forearm_link'"),
     ],

@@ -199,10 +199,8 @@ def test_beyond_limits_nothing_is_written_unless_allowed(
 ):
     monkeypatch.chdir(tmp_path)
     text = asset_path("ur5e_like.urdf").read_text().replace('effort="28"', 'effort="2"')
-    text = text.replace('velocity="3.1415926536"', 'velocity="0.3"')
     (tmp_path / "weak.urdf").write_text(text)
-    arm = {"path": "weak.urdf"}
-    (tmp_path / "weak.json").write_text(json.dumps(arm))
+    (tmp_path / "weak.json").write_text('{"path": "weak.urdf", "velocity": 0.3}')
     (tmp_path / "a.csv").write_text("an earlier file")
     before = sorted(tmp_path.iterdir())
     given = ["export", str(skill_file), "--out", "a.csv", "b.json", *words.split()]
@@ -222,11 +220,8 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     out = tmp_path / "door.json"
     options = ["--out", str(out), "--robot", "ur5e-like", "--door", "small"]
     assert cli.main(["export", str(skill_file), *options]) == 0
-    printed = dict(
-        line.split(": ", 1)
-        for line in capsys.readouterr().out.splitlines()
-        if ": " in line
-    )
+    lines = capsys.readouterr().out.splitlines()
+    printed = dict(line.split(": ", 1) for line in lines if ": " in line)
     assert printed["robot"] == "ur5e-like, fixed base"
     assert printed["door"].startswith("small: opened, 7")
     # A joint without an effort limit has no share of it.
@@ -241,8 +236,7 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     assert chord == pytest.approx(0.7 * np.sin(np.radians(opened) / 2), abs=0.02)
     assert re.match(r"\d?\d % of the limit of ", run.summary["greatest effort"])
     assert run.summary["least joint-limit margin"].split()[-1] in arm.arm
-    stiffness = float(run.summary["greatest stiffness"].split()[0])
-    assert stiffness == pytest.approx(500.0, rel=0.05)
+    assert 475.0 < float(run.summary["greatest stiffness"].split()[0]) < 525.0
 
 
 @pytest.mark.usefixtures("few_tries")

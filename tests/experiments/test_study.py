@@ -6,9 +6,11 @@ import re
 
 import pytest
 
+from gplfd_env.conventions.assets import asset_path
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.data import teacher
-from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files import provenance
 from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
@@ -20,9 +22,8 @@ DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 
 
 def episode(policy="gp", door="small", seed=0, **fields):
-    return EpisodeTask(
-        policy=policy, door=door, door_config=DOORS[door], seed=seed, **fields
-    )
+    fields |= {"policy": policy, "door": door, "seed": seed}
+    return EpisodeTask(door_config=DOORS[door], **fields)
 
 
 def episodes(policies, seeds):
@@ -45,11 +46,9 @@ def runs(monkeypatch, succeeded):
 
     def fake(job, **_):
         done.append(job)
+        bad = "ValueError: cannot learn from this"
         return [
-            jobs.failed(task, "ValueError: cannot learn from this")
-            if task.policy == "broken"
-            else succeeded(task)
-            for task in job
+            jobs.failed(t, bad) if t.policy == "broken" else succeeded(t) for t in job
         ]
 
     monkeypatch.setattr(runner, "run_job", fake)
@@ -77,6 +76,7 @@ CHANGES = {
     "demonstrated_kind": {"handle": "lever", "latch": "bolt"},
     "base": "mobile",
     "robot": "panda-like",
+    "robot_content": "ab12",
     "practice": {"corrections": 1},
     "start": "approach",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
@@ -114,6 +114,15 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
     monkeypatch.setattr(teacher, "TeacherConfig", lambda: slower)
     assert episode().teacher["duration_mean"] == 9.0
     assert episode().key != "729ae4581ec21027"
+
+
+def test_another_file_of_the_same_name_is_another_robot(tmp_path):
+    file, text = tmp_path / "a.urdf", asset_path("ur5e_like.urdf").read_text()
+    task = {"policy": "gp", "seed": 0, "robot": str(file)}
+    file.write_text(text)
+    key = episode_task("medium", DoorConfig(), **task).key
+    file.write_text(text.replace('effort="150"', 'effort="140"'))
+    assert episode_task("medium", DoorConfig(), **task).key != key
 
 
 def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):

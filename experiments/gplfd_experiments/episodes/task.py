@@ -120,6 +120,8 @@ class EpisodeTask(TaughtTask):
     base: Base = omit_default("fixed")
     robot: str = omit_default("tiago-like")
     """Name of a robot, or path of the URDF of an arm."""
+    robot_content: str = omit_default("")
+    """Hash of the files of a robot that is not built in."""
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
@@ -152,7 +154,7 @@ class EpisodeTask(TaughtTask):
     def learner_key(self) -> str:
         """Key of tasks whose policies may learn the same, in scenes of one kind."""
         learner, practises = self.policy.partition("@")[0], self.practice is not None
-        scene = self.base, self.robot, self.start
+        scene = self.base, self.robot, self.robot_content, self.start
         return json.dumps([learner, self.policy_source, practises, *scene])
 
     @property
@@ -181,15 +183,17 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields
+    if (file := Path(fields.get("robot", ""))).suffix:
+        files = file.read_bytes() + robot.content
+        fields["robot_content"] = hashlib.sha256(files).hexdigest()[:16]
     if config.kind != DoorConfig().kind:
         doors, shapes = doors_like(config), []
         for like in doors:
             # Fields beside radius and kind.
             kind: dict[str, Any] = like.kind
             plain = DoorConfig(radius=like.radius, **kind).as_dict().items()
-            shapes.append(
-                {n: v for n, v in like.as_dict().items() if (n, v) not in plain}
-            )
+            whole = like.as_dict().items()
+            shapes.append({n: v for n, v in whole if (n, v) not in plain})
         demonstrated: dict[str, Any] = {
             "demonstrated_radii": [like.radius for like in doors],
             "demonstrated_kind": config.kind,
@@ -208,19 +212,14 @@ def named_doors(
     A door is a preset, a radius [m], or FILE.json with the door argument of `gym.make`.
     """
     if not doors:
-        raise ValueError(
-            "--doors needs at least one door: a name, a radius [m] or a .json file"
-        )
+        raise ValueError("--doors needs a name, a radius [m] or a .json file")
     configs: dict[str, DoorConfig] = {}
     body = robot_named(robot)
     for door in doors:
         if door.endswith(".json"):
             name = Path(door).stem
             if name in DOORS:
-                raise ValueError(
-                    f"{door}: {name} is the name of a door already; give the file "
-                    "another"
-                )
+                raise ValueError(f"{door}: {name} is a preset; rename the file")
             try:
                 config = door_config(read_json(Path(door)))
             except (ValueError, TypeError) as error:

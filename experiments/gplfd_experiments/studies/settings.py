@@ -77,6 +77,7 @@ class Condition:
     start: str = "grasped"
     demonstrated_forces: bool = False
     robot: str = "tiago-like"
+    robot_content: str = ""
     trial: str = ""
     level: str = ""
 
@@ -92,7 +93,7 @@ class Condition:
             return f"trial {self.trial}, {self.level}"
         text = f"{self.teaching}, randomization {self.randomization}"
         usual = {"disturbance": "none", "start": "grasped", "robot": "tiago-like"}
-        for name, value in usual.items():
+        for name, value in (*usual.items(), ("robot_content", "")):
             if getattr(self, name) != value:
                 text += f", {name} {getattr(self, name)}"
         return text

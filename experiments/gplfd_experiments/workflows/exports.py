@@ -238,8 +238,8 @@ def dry_run(
     shares = efforts_used.max(axis=1) / efforts
     near, strong = int(margins.argmin()), int(shares.argmax())
     urdf = description.read_urdf(str(description.urdf_path(body.urdf)))
-    bounds = [urdf.joint_map[joint].limit for joint in body.arm]
-    velocities = [getattr(bound, "velocity", None) or np.inf for bound in bounds]
+    stated = {n: getattr(urdf.joint_map[n].limit, "velocity", None) for n in body.arm}
+    velocities = [(stated | dict(body.velocity))[name] or np.inf for name in body.arm]
     lowest, highest = np.reshape(limits.workspace, (2, 3))
     quantities = (
         ("force on the handle", ("",), force, 0.0, limits.force, "N"),
