@@ -100,7 +100,8 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     Path("flap.json").write_text(json.dumps(door))
     shown = Teacher().standard_demonstrations(seed=0, like=DOORS["oven"])
     save_demonstrations("demos.npz", shown)
-    assert cli.main(["learn", "demos.npz", "--out", "skill.npz", "--quiet"]) == 0
+    learn = ["learn", "demos.npz", "--quiet", "--out"]
+    assert cli.main([*learn, "skill.npz"]) == 0
     capsys.readouterr()
     correct = ["correct", "skill.npz", "--quiet", "--doors"]
     assert cli.main([*correct, "flap.json"]) == 0
@@ -112,8 +113,9 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     (kept,) = better.corrections
     assert (kept.door, kept.seed, kept.by, better.count) == ("flap", 0, "synthetic", 7)
     before = Path("skill-corrected.npz").read_bytes()
-    assert cli.main([*correct, "flap.json"]) == 2
-    assert "exists, and may hold corrections" in capsys.readouterr().err
+    for words in ([*correct, "flap.json"], [*learn, "skill-corrected.npz"]):
+        assert cli.main(words) == 2
+        assert "corrections; give" in capsys.readouterr().err
     assert Path("skill-corrected.npz").read_bytes() == before
     assert cli.main([*correct, "medium", "--policy", "promp"]) == 2
     Path("skill-corrected.npz").rename("better.npz")

@@ -229,9 +229,22 @@ def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
         assert cli.main(["report", *map(str, arguments)]) == 2
         assert message in capsys.readouterr().err
     write_study([episode_result("gp"), episode_result("kmp")])
+    assert cli.main(["report", str(folder), str(folder)]) == 2
+    assert "both hold results of gp; leave out one" in capsys.readouterr().err
     assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
     assert "`kmp` against each other policy" in (folder / "report.md").read_text()
+
+
+def test_results_before_a_change_are_left_out(write_study, episode_result, caplog):
+    results = [episode_result("mine:make", seed) for seed in range(3)]
+    for result, sha256 in zip(results, ("old", "new", "new"), strict=True):
+        result["task"]["policy_source"] = {"sha256": sha256}
+    config = {"policy_sources": {"mine:make": {"sha256": "new"}}}
+    episodes = read_results(write_study(results, config=config)).episodes
+    assert [episode.task.seed for episode in episodes] == [1, 2]
+    assert "1 results of policies before a change are left out" in caplog.text
+    assert read_results(write_study(results, config=[])).unreadable
 
 
 def test_both_writers_keep_marks_and_cells_apart():

@@ -1,4 +1,4 @@
-"""What reports and files say of trials taken together: scores, tracks, rows."""
+"""What reports and files say of trials taken together: scores and rows."""
 
 import csv
 import json
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from gplfd_experiments.analysis.report.sections import ordered, track_tables
+from gplfd_experiments.analysis.report.sections import ordered
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
@@ -33,32 +33,16 @@ def heavy(write_study, episode_result):
                 one = episode_result(policy, seed, radial=force, **task)
                 one["metrics"]["final_angle_deg"] = 30.0 if shut else 64.0 + seed
                 results.append(one)
-    for seed in range(8):
-        own = {"trial": "heavy", "level": "14 N"}
-        results.append(episode_result("gp@no-adaptation", seed, **own))
     return write_study(results)
 
 
 def test_tracks_have_the_trials_of_the_protocol():
     assert {n for track in TRACKS.values() for n in track.trials} == TRIALS.keys()
-
     # Each has a share, and a measure that is none.
     for name, trial in TRIALS.items():
         assert success_measure(trial) in trial.measures, name
         assert deciding_measure(trial) not in ("success", "grasp_kept"), name
     assert success_measure(TRIALS["locked"]) == "grasp_kept"
-
-
-def test_a_table_per_track_has_successes_and_radial_force(heavy):
-    title, table = track_tables(read_results(heavy))
-    assert title.text == "**Track forces**, 2 of 11 trials"
-    assert [row[:3] for row in table.rows] == [
-        ("`gp`", "method", "16/16\n0.81–1.00"),
-        ("`promp`", "method", "16/16\n0.81–1.00"),
-        ("`hinge-fit`", "reference", "8/16\n0.28–0.72"),
-    ]
-    # Of the circle fit, over the doors that it opened.
-    assert [row[3][:3] for row in table.rows] == ["2.0", "4.0", "1.0"]
 
 
 def test_who_opens_no_door_is_last_however_gentle(heavy):
@@ -72,7 +56,7 @@ def test_rows_have_fields_and_metrics_of_every_task(heavy, tmp_path, capsys):
     assert main([*command, str(tmp_path / "rows.csv")]) == 0
     with (tmp_path / "rows.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 8 * 7
+    assert len(rows) == 8 * 6
     assert main([*command, "rows.xlsx"]) == 2
     assert "rows.xlsx must end in .csv" in capsys.readouterr().err
     first = next(row for row in rows if row["policy"] == "hinge-fit")

@@ -80,7 +80,8 @@ def folder(tmp_path, monkeypatch):
         (None, "must return a GaussianTrajectory, or mean and standard deviation"),
         (np.zeros((3, 6)), r"of shape \(2, 6\)"),
         ((np.zeros((2, 6)), np.zeros((2, 3))), r"of shape \(2, 6\)"),
-        ((np.full((2, 6), np.nan), np.zeros((2, 6))), "with a finite mean"),
+        ((np.full((2, 6), np.nan), np.zeros((2, 6))), "finite, and no σ < 0"),
+        ((np.zeros((2, 6)), np.full((2, 6), -1.0)), "finite, and no σ < 0"),
     ],
 )
 def test_a_learner_predicts_a_mean_and_a_standard_deviation(

@@ -184,7 +184,7 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields
     if (file := Path(fields.get("robot", ""))).suffix:
-        files = file.read_bytes() + robot.content
+        files = file.read_bytes() + Path(robot.urdf).read_bytes()
         fields["robot_content"] = hashlib.sha256(files).hexdigest()[:16]
     if config.kind != DoorConfig().kind:
         doors, shapes = doors_like(config), []

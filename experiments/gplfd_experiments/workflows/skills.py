@@ -24,7 +24,7 @@ from gplfd_experiments.workflows.runs import CONFIGURATION, check_frame
 from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.skill import Skill, load_skill
 from gplfd_policies.registry.catalogue import method_and_skill, skill_method
 from gplfd_policies.registry.method import TrainingInput
 
@@ -48,6 +48,8 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     arguments.check_folder(file.parent)
     if file.resolve() == npz.demonstrations_file(demonstrations).resolve():
         raise ValueError(f"--out {file} holds the demonstrations; give another file")
+    if file.exists() and load_skill(file).corrections:
+        raise ValueError(f"--out {file} has corrections; give another file")
     labelled = npz.load_demonstrations(demonstrations)
     motions = labelled.demonstrations
     progress.LOG.info("learning from %d demonstrations", len(motions))

@@ -57,10 +57,10 @@ def submit(folder: Path, out: Path, card: Card, files: Sequence[Path]) -> list[s
     if problems := protocol_problems(results):
         return problems
     members = {"study.json": (folder / "study.json").read_bytes()}
-    for path in sorted((folder / "tasks").glob("[!.]*.json")):
-        result = plain_data.read_json(path)
+    for name in sorted(f"tasks/{result.task.key}.json" for result in results.all):
+        result = plain_data.read_json(folder / name)
         result.pop("traceback", None)  # It names folders of the machine.
-        members[f"tasks/{path.name}"] = plain_data.json_text(result).encode()
+        members[name] = plain_data.json_text(result).encode()
     attached = {os.path.relpath(file): file.read_bytes() for file in files}
     for task in {e.task.policy: e.task for e in results.episodes}.values():
         if (task.policy_source or {}).get("kind") == "module":

@@ -400,11 +400,12 @@ class FittedMovement(LearnedMovement):
         except (TypeError, ValueError):
             mean = std = np.empty(0)
         shape = (len(times), 6)
-        if mean.shape != shape or std.shape != shape or not np.isfinite(mean).all():
+        sound = mean.shape == std.shape == shape and np.isfinite(mean + std).all()
+        if not sound or np.any(std < 0.0):
             raise ValueError(
                 f"predict() of {type(self.predictor).__name__} must return a "
                 f"GaussianTrajectory, or mean and standard deviation of shape {shape}, "
-                f"with a finite mean; got {textwrap.shorten(repr(prediction), 80)}"
+                f"finite, and no σ < 0; got {textwrap.shorten(repr(prediction), 80)}"
             )
         covariance = partial(white_covariance, std**2)
         return GaussianTrajectory.from_moments(times, mean, std, covariance)
@@ -413,8 +414,7 @@ class FittedMovement(LearnedMovement):
 def as_movement(fitted: object, aligned: AlignedDemonstrations) -> Movement:
     """Return what a learner has fitted to demonstrations as a movement of them.
 
-    Raises:
-        ValueError: if it has no method ``predict``.
+    Raises a ValueError if it has no method ``predict``.
     """
     if isinstance(fitted, Movement):
         return fitted

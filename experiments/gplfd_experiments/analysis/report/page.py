@@ -61,8 +61,7 @@ def report(results: StudyResults, reference: str) -> list[Section]:
     groups = measures.by_condition(episodes).items()
     conditions = {str(which): measures.ranked(group) for which, group in groups}
     lead, questions = _warnings(results), list[Section]()
-    if of_trials := len(episodes) < len(results.episodes):
-        lead += sections.track_tables(results)
+    of_trials = len(episodes) < len(results.episodes)
     if conditions:
         lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
@@ -152,14 +151,14 @@ def _warnings(results: StudyResults) -> list[Block]:
     ]
     if gaps:
         warnings.append(
-            f"Of the {len(every)} episodes that any policy ran, some have none: "
+            f"Of the {len(every)} episodes that any policy ran, some policies lack: "
             f"{', '.join(gaps)}. Rates count what was run; tests compare what both ran."
         )
     if missing := unfinished(results):
         warnings.append(f"{missing}.")
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
-    text = f"{' '.join(warnings)} The reasons are under “{_ORIGIN}”."
+    text = f"{' '.join(warnings)} See “{_ORIGIN}”."
     return [Text(text, "warning")] if warnings else []
 
 

@@ -358,44 +358,6 @@ def ordered(trial: protocol.Trial, levels: ByLevel) -> dict[str, Runs]:
     return ordered_levels
 
 
-def track_tables(results: reading.StudyResults) -> list[Block]:
-    """Return a table per track: successes and forces of policies in all its levels."""
-    blocks: list[Block] = []
-    for track, of in protocol.TRACKS.items():
-        names = of.trials
-        ran = [
-            episode
-            for episode in results.episodes
-            if episode.task.trial in names
-            and episode.counts
-            and episode.task.prior_radius is None
-        ]
-        levels = measures.grouped(ran, "task.trial", "task.level")
-        shares = {name: trials.success_measure(protocol.TRIALS[name]) for name in names}
-        rates = {
-            policy: statistics.success_rate(
-                (e.task.seed, bool(e.number(shares[e.task.trial]))) for e in group
-            )
-            for policy, group in measures.grouped(ran, "policy").items()
-            if all(any(e.policy == policy for e in level) for level in levels.values())
-        }
-        rows = []
-        for policy in sorted(rates, key=lambda name: (-rates[name].estimate, name)):
-            force = _FORCE.typical(e for e in ran if e.policy == policy)
-            text = force.cell(_FORCE.digits) if force else "–"
-            rows.append(
-                (code(policy), document.kind_of(policy), rates[policy].cell(), text)
-            )
-        columns = ("policy", "kind", "successes", "radial force [N]")
-        number = len({trial for trial, _ in levels})
-        if ran:
-            blocks += [
-                Text(f"**Track {track}**, {number} of {len(names)} trials"),
-                Table(columns=columns, rows=tuple(rows)),
-            ]
-    return blocks
-
-
 # --- Predictions of left-out demonstrations, without a robot
 
 _LEFT_OUT: Final = {

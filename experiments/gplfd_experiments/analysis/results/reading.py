@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from gplfd_env.doors import config, disturbance, randomization
 from gplfd_experiments.analysis.results.statistics import Key
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.teacher import Habits, TeacherConfig
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import entry, read_json
@@ -124,24 +125,23 @@ class StudyResults:
 def read_results(*folders: Path) -> StudyResults:
     """Read the results of a study, or of several together.
 
-    A resumed study runs episodes of an older environment again and keeps the old files;
-    these results are excluded. `StudyResults.study` is that of the first folder.
+    A resumed study keeps the files of earlier policies and environments; these results
+    are excluded. `StudyResults.study` is that of the first folder.
     """
     results: list[TaskResult] = []
-    origins: dict[str, Path] = {}
+    origins: dict[str, int] = {}
+    studies: list[Mapping[str, Any]] = []
     unreadable: list[str] = []
-    for folder in folders:
+    for number, folder in enumerate(folders):
         if not folder.is_dir():
             raise FileNotFoundError(
-                f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes "
-                "one"
+                f"there is no folder {folder}; give that of a study"
             )
         # Names of unfinished files begin with a dot.
         files = sorted((folder / TASKS).glob("[!.]*.json"))
         if not files:
             raise ValueError(
-                f"{folder} is not the folder of a study: it has no {TASKS}/*.json. "
-                "Give the --out of a `gplfd benchmark`"
+                f"{folder} is not the folder of a study: it has no {TASKS}/*.json"
             )
         here, problems = read_files(files)
         if not here:
@@ -149,20 +149,30 @@ def read_results(*folders: Path) -> StudyResults:
                 f"none of the {len(files)} files in {folder / TASKS} holds a result; "
                 f"the first: {problems[0]}"
             )
-        for result in here:
-            if (other := origins.setdefault(result.task.key, folder)) != folder:
-                raise ValueError(
-                    f"{other} and {folder} both hold results of {result.policy}; "
-                    "leave out one of the folders"
-                )
-        results += here
         unreadable += problems
-    study: Mapping[str, Any] = {}
-    try:
-        if (file := folders[0] / STUDY).exists():
-            study = read_study(folders[0])
-    except (OSError, ValueError) as error:
-        unreadable.append(_reason(file, error))
+        sources: dict[str, Any] = {}
+        studies.append({})
+        try:
+            if (file := folder / STUDY).exists():
+                studies[-1] = read_study(folder)
+                config = entry({"config": {}, **studies[-1]}, "config", dict[str, Any])
+                sources = {**config.get("policy_sources", {})}
+        except (OSError, ValueError, TypeError) as error:
+            unreadable.append(_reason(file, error))
+        current = []
+        for result in here:
+            if (other := origins.setdefault(result.task.key, number)) != number:
+                raise ValueError(
+                    f"{folders[other]} and {folder} both hold results of "
+                    f"{result.policy}; leave out one of the folders"
+                )
+            source = result.task.policy_source
+            if source is None or source == sources.get(result.policy, source):
+                current.append(result)
+        results += current
+        if earlier := len(here) - len(current):
+            text = "warning: %s: %d results of policies before a change are left out"
+            LOG.warning(text, folder, earlier)
     results.sort(
         key=lambda result: (
             *(result.policy, str(result.condition), getattr(result, "radius", 0.0)),
@@ -173,7 +183,7 @@ def read_results(*folders: Path) -> StudyResults:
     tests = tuple(r for r in results if isinstance(r.task, tasks.SkillTask))
     recorded = tuple(r for r in results if isinstance(r.task, tasks.RecordedTask))
     return StudyResults(
-        study=study,
+        study=studies[0],
         episodes=opened,
         tests=tests,
         recorded=recorded,

@@ -95,7 +95,8 @@ class Learn:
     """Demonstrations: a set, or demonstrations.npz of a `gplfd run`."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File to write, by default DEMONSTRATIONS-skill.npz; replaced if it exists."""
+    """File to write, by default DEMONSTRATIONS-skill.npz; a skill without
+    corrections is replaced."""
 
     policy: str = "gp"
     """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""
