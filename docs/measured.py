@@ -31,11 +31,7 @@ import leaderboard as board
 
 import gplfd_policies
 from gplfd_experiments.analysis.results.statistics import number_text
-from gplfd_experiments.analysis.results.trials import (
-    MEASURES,
-    deciding_measure,
-    success_measure,
-)
+from gplfd_experiments.analysis.results.trials import MEASURES, success_measure
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import TRACKS, TRIALS, Trial
@@ -155,8 +151,11 @@ def _opened(row: Mapping[str, Any], rows: Any) -> bool | float:
 
 
 def by_trial(answers: board.Answers, track: str) -> Table:
-    """Return a row per policy: success and the deciding measure in every trial."""
-    trials = {t: ("success", deciding_measure(TRIALS[t])) for t in TRACKS[track].trials}
+    """Return a row per policy: success and the first other measure in every trial."""
+    trials = {}
+    for trial in TRACKS[track].trials:
+        numbers = (m for m in TRIALS[trial].measures if not MEASURES[m].share)
+        trials[trial] = "success", next(numbers)
     rows = []
     for policy in board.ranked(answers, [*trials]):
         cells = [

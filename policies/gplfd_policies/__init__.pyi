@@ -19,7 +19,6 @@ from gplfd_policies.movements.skill import Skill as Skill
 from gplfd_policies.movements.skill import fit_skill as fit_skill
 from gplfd_policies.movements.skill import load_skill as load_skill
 from gplfd_policies.registry.built_in import POLICIES as POLICIES
-from gplfd_policies.registry.catalogue import load_policy as load_policy
 from gplfd_policies.registry.catalogue import make_agent as make_agent
 from gplfd_policies.registry.catalogue import policy_named as policy_named
 from gplfd_policies.registry.method import Learner as Learner

@@ -23,6 +23,7 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.files.table import Table
+from gplfd_experiments.studies import store
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
@@ -231,6 +232,8 @@ def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
     write_study([episode_result("gp"), episode_result("kmp")])
     assert cli.main(["report", str(folder), str(folder)]) == 2
     assert "both hold results of gp; leave out one" in capsys.readouterr().err
+    assert cli.main(["report", str(folder), "--reference", "kpm"]) == 2
+    assert "kpm is not in this study, but gp, kmp" in capsys.readouterr().err
     assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
     assert "`kmp` against each other policy" in (folder / "report.md").read_text()
@@ -241,8 +244,15 @@ def test_results_before_a_change_are_left_out(write_study, episode_result, caplo
     for result, sha256 in zip(results, ("old", "new", "new"), strict=True):
         result["task"]["policy_source"] = {"sha256": sha256}
     config = {"policy_sources": {"mine:make": {"sha256": "new"}}}
-    episodes = read_results(write_study(results, config=config)).episodes
+    folder = write_study(results, config=config)
+    episodes = read_results(folder).episodes
     assert [episode.task.seed for episode in episodes] == [1, 2]
+    for seeds in (1, 1, 2):  # What other commands write there adds to what is known.
+        store.write_study(folder, {"config": {"seeds": (seeds,)}})
+    about = read_results(folder)
+    assert about.episodes == episodes
+    earlier = [entry["config"] for entry in about.study["earlier"]]
+    assert earlier == [config, {"seeds": [1]}]
     assert "1 results of policies before a change are left out" in caplog.text
     assert read_results(write_study(results, config=[])).unreadable
 

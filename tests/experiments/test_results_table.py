@@ -111,7 +111,7 @@ def test_what_the_machine_lost_counts_nowhere(episodes_of, episode_result):
     table = cells(episodes)
     assert [table[policy]["opened"] for policy in ("gp", "kmp")] == ["1/1", "0/0"]
     (remark,) = remarks(episodes)
-    assert remark.startswith("2 of 3 episodes were lost, because the machine failed,")
+    assert remark.startswith("2 of 3 episodes were lost, as the machine failed,")
     assert [*ranked(episodes)] == ["gp", "kmp"]
 
 

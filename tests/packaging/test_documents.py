@@ -111,12 +111,14 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path, monkeypatch, cap
     (feel,) = (cell for cell in cells if cell.startswith("%%writefile feel.py\n"))
     (method,) = re.findall(r"```python\n([^`]*^make = Learner[^`]*)```", page, re.M)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "method.py").write_text(method)
+    (shifted,) = re.findall(r"```python\n([^`]*^shifted = [^`]*)```", page, re.M)
+    (tmp_path / "method.py").write_text(method + shifted)
     (tmp_path / "mine.py").write_text(snippet)
     (tmp_path / "feel.py").write_text(feel.split("\n", 1)[1])
     study = (
         "benchmark --config small --no-skill --engine serial --json --quiet "
-        "--seeds 1 --doors small large --policies mine:make feel:make method:make"
+        "--seeds 1 --doors small large --policies mine:make feel:make method:make "
+        "method:shifted@no-size"
     )
     assert cli.main(study.split()) == 0
     rows = json.loads(capsys.readouterr().out)

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process.kernels import Matern
 
-from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
     MixtureKernel,
     NoiseLikelihood,
@@ -21,12 +20,6 @@ GRID = np.linspace(0.0, 1.0, 41)
 @pytest.fixture(scope="module")
 def process(aligned):
     return fit_gmm_gp(aligned)
-
-
-def shifted(process, phase, stds, sigma):
-    """A demand ``stds`` standard deviations beside the mean."""
-    here = process.predict(np.array([phase]))
-    return ViaPoint(phase=phase, pose=here.mean[0] + stds * here.std[0], std=sigma)
 
 
 def published_kernel(process, a, b):
@@ -51,41 +44,12 @@ def test_half_the_power_gives_the_covariance_within_components(process):
     assert_allclose(kernel.variance(GRID), np.diagonal(within, axis1=1, axis2=2))
 
 
-def test_via_points_condition_it_as_any_gaussian(process):
-    """Also where the outputs of a via-point share an error."""
-    along = np.array([0.02, 0.0, -0.01, 0.0, 0.05, 0.01])
-    via_points = [
-        replace(shifted(process, 0.31, 1.0, 1e-3), along=along),
-        replace(
-            shifted(process, 0.56, -1.0, 2e-3),
-            std=np.array([1e-3, np.inf, 2e-3, 1e-2, np.inf, 3e-2]),
-        ),
-        shifted(process, 0.6, 0.5, 1e-2),
-    ]
-    phases = np.array([point.phase for point in via_points])
-    noise = np.concatenate([point.own_variance for point in via_points])
-    constrained = np.isfinite(noise)
-    shared = np.append(along, np.zeros(12))
-    poses = np.concatenate([point.pose for point in via_points])
-    observed = published_kernel(process, phases, phases).reshape(18, 18)
-    observed = observed + np.diag(np.where(constrained, noise, 0.0))
-    observed = (observed + np.outer(shared, shared))[constrained][:, constrained]
-    across = published_kernel(process, GRID, phases).reshape(-1, 18)[:, constrained]
-    prior_mean = process.regression.moments(phases)[0].ravel()
-    missed = (poses - prior_mean)[constrained]
-    mean = process.regression.moments(GRID)[0].ravel()
-    mean = mean + across @ np.linalg.solve(observed, missed)
-    size = 6 * len(GRID)
-    covariance = published_kernel(process, GRID, GRID).reshape(size, size)
-    covariance = covariance - across @ np.linalg.solve(observed, across.T)
-    covariance = covariance.reshape(len(GRID), 6, len(GRID), 6)
-
-    predicted = process.adapt(via_points).predict(GRID)
-    assert_allclose(predicted.mean, mean.reshape(-1, 6), atol=1e-9)
-    for output in range(6):
-        block = covariance[:, output, :, output]
-        assert_allclose(predicted.covariance[output], block, atol=1e-10)
-        assert_allclose(predicted.std[:, output] ** 2, np.diag(block), atol=1e-10)
+def test_the_kernel_is_the_published_one_with_the_kernels_of_a_library(process):
+    """Via-points condition it in `test_movements.py`."""
+    scale, phases = process.regression.standardisation.scale, GRID[1::7] + 0.01
+    kernel = process.kernel(*map(process.kernel.places, (GRID, phases)))
+    expected = published_kernel(process, GRID, phases)
+    assert_allclose(scale[:, None, None] * kernel * scale, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])

@@ -29,7 +29,9 @@ def way_to_follow(name, policy):
     if method is None:
         return name
     pipeline = method.pipeline
-    form = pipeline.adapts and (pipeline.size_inference or method.adaptation)
+    fitted = name.partition("@")[0] in ("promp", "tp-gmm", "kmp", "gmm-gp", "prodmp")
+    own = method.learner.adaptation or fitted
+    form = pipeline.adapts and (pipeline.size_inference or own)
     form = getattr(form, "func", form)
     config = dataclasses.replace(pipeline.config, via_std=ComplianceConfig().via_std)
     return form, pipeline.phases, repr(config)

@@ -88,6 +88,13 @@ def test_wrong_content_is_refused(saved, tmp_path, changes, reason):
         load_skill(copy)
 
 
+def test_what_loading_refuses_is_not_saved(small, tmp_path):
+    hasty = replace(small, aligned=replace(small.aligned, duration=0.01))
+    with pytest.raises(ValueError, match=r"speed \[m/s\] is .* in m, rad, s, N and"):
+        hasty.save(tmp_path / "skill.npz")
+    assert not [*tmp_path.iterdir()]
+
+
 def test_forces_are_kept_with_the_skill(demonstrations, tmp_path):
     rng = np.random.default_rng(4)
     felt = [

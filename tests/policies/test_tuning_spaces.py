@@ -18,7 +18,7 @@ VIA_POINT = ViaPoint(phase=0.3, pose=handle_pose_on_arc(0.42, 0.35), std=1e-3)
 
 
 def adapted(method, movement):
-    adaptation = begin_adaptation(movement, method.adaptation, GRID)
+    adaptation = begin_adaptation(movement, method.adaptation(movement), GRID)
     adaptation.observe(VIA_POINT)
     return adaptation.trajectory()
 

@@ -10,6 +10,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, Task
 from gplfd_experiments.files.plain_data import (
     check_stamp,
     entry,
+    json_text,
     naming,
     read_json,
     stamp,
@@ -41,10 +42,18 @@ _KINDS: Final[Mapping[str, Any]] = {
 
 
 def write_study(folder: Path, about: Mapping[str, Any]) -> None:
-    """Write study.json, not over one that is damaged or of a later version."""
+    """Write study.json; that of commands with other settings stays in "earlier".
+
+    A file that is damaged, or of a later version, is not replaced.
+    """
+    about = {**STUDY_STAMP, **about}
     if (folder / STUDY).exists():
-        read_study(folder)
-    write_json(folder / STUDY, {**STUDY_STAMP, **about})
+        before = read_study(folder)
+        earlier = before.pop("earlier", [])
+        if json_text(before.get("config")) != json_text(about["config"]):
+            earlier.append(before)
+        about |= {"earlier": earlier} if earlier else {}
+    write_json(folder / STUDY, about)
 
 
 def read_study(folder: Path) -> dict[str, Any]:

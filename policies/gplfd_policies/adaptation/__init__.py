@@ -4,8 +4,8 @@ Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstratio
 arXiv:2002.09979, Section III-D. "product" is the form of the paper, Eqs. (19)–(21).
 "exact" conditions the same model without the product's approximation. "process" is
 ours: it models the demonstrations' deviations as smooth, so that a via-point also
-informs the rest of the motion. "similarity", for agents at doors, models that paths
-differ in size. Other movements are conditioned by their own ``adapt``.
+informs the rest of the motion. "similarity", for agents at doors, models that paths in
+the x-z plane differ in size. Other movements are conditioned by their own ``adapt``.
 """
 
 import textwrap
@@ -28,6 +28,7 @@ from gplfd_policies.movements.movement import (
     Movement,
     Predictor,
     ViaPoint,
+    as_movement,
     checked_times,
 )
 from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
@@ -79,11 +80,9 @@ def adapt(
     Args:
         movement: The learned movement.
         via_points: Poses to be reached, in any order; possibly none.
-        form: For a skill: "process" (default), for phases that are certain; "product"
-            (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a single
-            demonstration), for successive positions on a path of unknown size in the
-            x-z plane; or a callable (movement, grid) → `Adaptation`. Other movements
-            have only their own form, which is the default.
+        form: For a skill, a name of `ADAPTATIONS` ("process" by default, "similarity"
+            for a single demonstration), or a callable (movement, grid) → `Adaptation`.
+            Other movements have only their own form, which is the default.
 
     Raises:
         TypeError: if the via-points are not a sequence of via-points.
@@ -97,10 +96,8 @@ def adapt(
             "single one into a list: [via_point]"
         )
     if form is None or isinstance(form, str):
-        learned = movement
-        if isinstance(movement, ResidualMovement):
-            learned = movement.residual
-        kind = type(learned).__name__
+        learned = getattr(movement, "residual", movement)
+        kind, own = type(learned).__name__, own_adaptation(movement)
         if isinstance(learned, Skill):
             name = form or ("process" if learned.count > 1 else "similarity")
             if name not in ADAPTATIONS:
@@ -109,12 +106,12 @@ def adapt(
                     f"{sorted(ADAPTATIONS)}."
                 )
             form = ADAPTATIONS[name]
-        elif isinstance(learned, Adaptable) and form is None:
-            form = OwnAdaptation
+        elif own and form is None:
+            form = own
         else:
             raise ValueError(
                 f"{kind} has its own form of adaptation: leave form={form!r} out"
-                if isinstance(learned, Adaptable)
+                if own
                 else f"{kind} has no via-points: it is no Skill, and has no adapt()"
             )
     # The scale of σ depends on the innovation of each via-point given the earlier ones.
@@ -155,6 +152,12 @@ class NoAdaptation:
         return self._trajectory
 
 
+def own_adaptation(movement: Movement) -> AdaptationForm | None:
+    """Return the form that calls the ``adapt`` of a movement; None without it."""
+    learned = getattr(movement, "residual", movement)
+    return OwnAdaptation if isinstance(learned, Adaptable) else None
+
+
 class OwnAdaptation(NoAdaptation):
     """Adapts a movement by its own ``adapt``, once for every via-point."""
 
@@ -164,5 +167,9 @@ class OwnAdaptation(NoAdaptation):
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point."""
-        self._movement = self._movement.adapt((via_point,))
-        self._predict(self._movement, self._grid)
+        adapted = self._movement.adapt((via_point,))
+        movement = as_movement(adapted, self._movement.aligned)
+        if not isinstance(movement, Adaptable):
+            raise ValueError(f"adapt() returned {adapted!r:.80}, which cannot adapt")
+        self._movement = movement
+        self._predict(movement, self._grid)

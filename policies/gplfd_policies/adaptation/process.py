@@ -239,8 +239,7 @@ def _covariance_on_grid(
 ) -> Covariances:
     """Return the covariance over time of smooth and white part together."""
     full: np.ndarray = curves @ covariance @ np.swapaxes(curves, 1, 2)
-    diagonal = np.arange(full.shape[1])
-    full[:, diagonal, diagonal] = variance.T
+    np.einsum("imm->im", full)[:] = variance.T
     return np.asarray(stretch[:, None, None] ** 2 * full)
 
 

@@ -157,6 +157,5 @@ class SimilarityAdaptation:
 def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:
     """Return the covariance over time of deviations that are equal at all phases."""
     covariance = np.stack([root @ root.T for root in roots])
-    diagonal = np.arange(len(std))
-    covariance[:, diagonal, diagonal] = std.T**2
+    np.einsum("imm->im", covariance)[:] = std.T**2
     return covariance

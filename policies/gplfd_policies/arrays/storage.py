@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import secrets
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -76,6 +77,8 @@ def read_archive(
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no complete .npz archive")
         with (
             path.open("rb") as stream,  # NumPy leaves a damaged file open
             np.load(stream, allow_pickle=False) as archive,

@@ -308,7 +308,7 @@ class Movement(Predictor, Protocol):
 class Adaptable(Movement, Protocol):
     """A movement with its own conditioning on via-points."""
 
-    def adapt(self, via_points: Sequence[ViaPoint]) -> "Adaptable":
+    def adapt(self, via_points: Sequence[ViaPoint]) -> Movement:
         """Return the movement conditioned on further via-points."""
 
 
@@ -411,8 +411,16 @@ class FittedMovement(LearnedMovement):
         return GaussianTrajectory.from_moments(times, mean, std, covariance)
 
 
+class AdaptableFit(FittedMovement):
+    """What a user's learner has fitted, with ``adapt``; made by `as_movement`."""
+
+    def adapt(self, via_points: Sequence[ViaPoint]) -> Movement:
+        """Return the movement conditioned on further via-points."""
+        return as_movement(self.predictor.adapt(via_points), self.aligned)
+
+
 def as_movement(fitted: object, aligned: AlignedDemonstrations) -> Movement:
-    """Return what a learner has fitted to demonstrations as a movement of them.
+    """Return what a user's ``fit`` or ``adapt`` returned as a movement.
 
     Raises a ValueError if it has no method ``predict``.
     """
@@ -420,10 +428,12 @@ def as_movement(fitted: object, aligned: AlignedDemonstrations) -> Movement:
         return fitted
     if not callable(getattr(fitted, "predict", None)):
         raise ValueError(
-            f"fit() returned a {type(fitted).__name__}; it must return an object with "
-            "predict(phases)"
+            "fit() and adapt() of a learner must return an object with predict(phases),"
+            f" not {textwrap.shorten(repr(fitted), 80)}"
         )
-    return FittedMovement(aligned=aligned, predictor=fitted)
+    adapts = callable(getattr(fitted, "adapt", None))
+    kind = AdaptableFit if adapts else FittedMovement
+    return kind(aligned=aligned, predictor=fitted)
 
 
 @runtime_checkable

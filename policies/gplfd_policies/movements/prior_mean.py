@@ -23,6 +23,7 @@ from gplfd_policies.movements.movement import (
     LearnedMovement,
     Movement,
     ViaPoint,
+    as_movement,
 )
 
 
@@ -126,7 +127,7 @@ class ResidualMovement(LearnedMovement):
 def fit_residual(
     aligned: AlignedDemonstrations,
     prior_mean: PriorMean,
-    fit: Callable[[AlignedDemonstrations], Movement],
+    fit: Callable[[AlignedDemonstrations], object],
 ) -> ResidualMovement:
     """Learn a movement around a prior mean on phases of the demonstrations.
 
@@ -141,7 +142,8 @@ def fit_residual(
         )
     # A late repetition is late on m(t), too, which the residual cannot express.
     rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
-    return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
+    residual = as_movement(fit(rest), rest)
+    return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=residual)
 
 
 class ResidualAdaptation:

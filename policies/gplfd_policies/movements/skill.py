@@ -179,12 +179,31 @@ class Skill(LearnedMovement):
         latent = np.maximum(moments.latent, np.finfo(np.float64).tiny)
         stretch = np.sqrt(np.maximum(floor / latent, 1.0)).T
         covariance *= stretch[:, :, None] * stretch[:, None, :]
-        diagonal = np.arange(len(times))
         variance = np.maximum(moments.latent, floor) + moments.noise
-        covariance[:, diagonal, diagonal] = variance.T
+        np.einsum("imm->im", covariance)[:] = variance.T
         if displacement is not None:
             covariance += np.einsum("mi,ni->imn", displacement, displacement)
         return covariance
+
+    def check_plausible(self) -> None:
+        """Raise a ValueError if no hand moves or pulls like this."""
+        expected = self.predict(np.linspace(0.0, 1.0, 401))
+        steps = np.diff(expected.mean, axis=0).reshape(-1, 2, 3)
+        clock = self.duration * np.diff(expected.times)
+        speed, turn = (np.linalg.norm(steps, axis=2) / clock[:, None]).max(axis=0)
+        force = self.forces.predict(expected.times).std.max() if self.forces else 0.0
+        for quantity, value, most in (
+            ("duration [s]", self.duration, 3600.0),
+            ("speed [m/s]", speed, 10.0),
+            ("speed [rad/s]", turn, 60.0),
+            ("standard deviation [m, rad]", expected.std.max(), 10.0),
+            ("standard deviation [N, N m]", force, 1e4),
+        ):
+            if not value <= most:
+                raise ValueError(
+                    f"its {quantity} is {value:.3g}; at most {most:g} is allowed; are "
+                    "demonstrations in m, rad, s, N and N m?"
+                )
 
     def save(self, path: str | Path) -> None:
         """Save the skill to a file, complete or absent; `load_skill` reads it.
@@ -193,9 +212,10 @@ class Skill(LearnedMovement):
         parameters of processes and deviations; the same for forces, if there are any.
 
         Raises:
-            ValueError: if a user's own noise model does not build on
-                `gplfd_policies.gp.heteroscedastic.NoiseProfile.basis_over`.
+            ValueError: if the skill is not plausible, or its noise model does not build
+                on `gplfd_policies.gp.heteroscedastic.NoiseProfile.basis_over`.
         """
+        self.check_plausible()
         arrays = self._arrays("") | {"frame": np.array(self.frame)}
         if isinstance(self.forces, Skill):
             arrays |= self.forces._arrays(_FORCES)
@@ -258,23 +278,7 @@ def load_skill(path: str | Path) -> Skill:
             corrections=tuple(corrections),
             frame=str(members["frame"]),
         )
-        # Also between the stored phases; faster than any hand is not plausible.
-        expected = skill.predict(np.linspace(0.0, 1.0, 401))
-        steps = np.diff(expected.mean, axis=0).reshape(-1, 2, 3)
-        clock = skill.duration * np.diff(expected.times)
-        speed, turn = (np.linalg.norm(steps, axis=2) / clock[:, None]).max(axis=0)
-        force = 0.0 if forces is None else forces.predict(expected.times).std.max()
-        for quantity, value, most in (
-            ("duration [s]", skill.duration, 3600.0),
-            ("speed [m/s]", speed, 10.0),
-            ("speed [rad/s]", turn, 60.0),
-            ("standard deviation [m, rad]", expected.std.max(), 10.0),
-            ("standard deviation [N, N m]", force, 1e4),
-        ):
-            if not value <= most:
-                raise ValueError(
-                    f"its {quantity} is {value:.3g}; at most {most:g} is allowed"
-                )
+        skill.check_plausible()
         return skill
 
     with np.errstate(all="ignore"):  # of numbers that are refused

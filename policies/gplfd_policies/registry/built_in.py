@@ -22,7 +22,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from gplfd_env.validation.named import nearest_name
-from gplfd_policies.adaptation import OwnAdaptation
 from gplfd_policies.adaptation.process import (
     ConditionedProcess,
     ExactAdaptation,
@@ -115,9 +114,9 @@ _LEARNERS: Final = {
     ),
     "mean": Learner(fit=_sample_mean),
     "dmp": Learner(fit=partial(fit_dmp, config=DMPConfig(spread=True))),
-    "promp": Learner(fit=fit_promp, adaptation=OwnAdaptation),
+    "promp": Learner(fit=fit_promp),
     "gmr": Learner(fit=fit_gmr),
-    "tp-gmm": Learner(fit=fit_tp_gmm, adaptation=OwnAdaptation),
+    "tp-gmm": Learner(fit=fit_tp_gmm),
     "local-gp": Learner(
         fit=partial(fit_local_gp, config=LocalGPConfig()), accepts_prior_mean=True
     ),
@@ -126,9 +125,9 @@ _LEARNERS: Final = {
         seeded=True,
         accepts_prior_mean=True,
     ),
-    "kmp": Learner(fit=partial(fit_kmp, config=DOOR_KMP), adaptation=OwnAdaptation),
-    "gmm-gp": Learner(fit=fit_gmm_gp, adaptation=OwnAdaptation),
-    "prodmp": Learner(fit=fit_prodmp, adaptation=OwnAdaptation),
+    "kmp": Learner(fit=partial(fit_kmp, config=DOOR_KMP)),
+    "gmm-gp": Learner(fit=fit_gmm_gp),
+    "prodmp": Learner(fit=fit_prodmp),
 }
 LEARNERS: Final[Mapping[str, Learner]] = MappingProxyType(
     {
@@ -316,6 +315,7 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
     if pipeline == "tuned" and name in SPACES:
         return tuned(name, tuned_settings()[name])
     changed, summary = method.pipeline, [policy.summary]
+    replaced: dict[str, str] = {}
     for part in pipeline.split("+"):
         if part not in PARTS:
             ways = ["published"] * (name in PUBLISHED) + ["tuned"] * (name in SPACES)
@@ -324,6 +324,9 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
                 f"{nearest_name(part, [*ways, *PARTS])}; there are "
                 f"{', '.join([*ways, *PARTS])}; parts may be joined by +"
             )
+        for field in (*PARTS[part].pipeline, *PARTS[part].config):
+            if replaced.setdefault(field, part) != part:
+                raise ValueError(f"{name}@{pipeline}: two of its parts replace {field}")
         config = replace(changed.config, **PARTS[part].config)
         changed = replace(changed, config=config, **PARTS[part].pipeline)
         summary.append(SUMMARIES["parts"][part])

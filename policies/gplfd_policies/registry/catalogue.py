@@ -203,11 +203,12 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
         names = [
             name
             for name, value in vars(module).items()
-            if callable(value) and getattr(value, "__module__", "") == module.__name__
+            if isinstance(value, Learner | Method | Policy)
+            or (callable(value) and getattr(value, "__module__", "") == module.__name__)
         ]
         raise ValueError(
-            f"module {where} has no {attribute!r}; it has "
-            f"{', '.join(sorted(names)) or 'no functions'}"
+            f"module {where} has no {attribute!r}{nearest_name(attribute, names)}; it "
+            f"has {', '.join(sorted(names)) or 'no policies'}"
         ) from None
     if isinstance(candidate, Policy):
         return candidate
@@ -376,22 +377,6 @@ def split_name(policy: str) -> tuple[str, str]:
     if not name or {"/", ":"} & set(pipeline):  # part of a file's path
         return policy, ""
     return name, pipeline
-
-
-def load_policy(origin: PolicyOrigin) -> Policy:
-    """Find the policy of an origin again, in another process or on another day.
-
-    Raises:
-        ValueError: The policy does not exist any more, or has changed.
-    """
-    policy = policy_named(origin.name, origin.folder or None)
-    now = policy.origin
-    if now is None or now.content != origin.content:
-        raise ValueError(
-            f"policy {origin.name!r} is not the one that was chosen: that was "
-            f"{origin}, this is {now}"
-        )
-    return policy
 
 
 def skill_method(policy: str) -> Method:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes
+from gplfd_policies.adaptation import own_adaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.agents.agent import CompliantAgent
@@ -125,9 +126,10 @@ class Learner:
     accepts_prior_mean: bool = False
     """Whether `fit` also takes ``centred=False``, for a prior mean of zero."""
     adaptation: AdaptationForm | None = None
-    """Its own form of adaptation to via-points; None if it has none."""
+    """Its form of adaptation to via-points; None for the ``adapt`` of what it has
+    fitted, if there is one."""
     force_adaptation: AdaptationForm | None = None
-    """That of the expected force to measured forces; None for `adaptation`."""
+    """That of the expected force to measured forces; None for the same form."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -171,16 +173,15 @@ class Method:
     learner: Learner
     pipeline: Pipeline = field(default_factory=Pipeline)
 
-    @property
-    def adaptation(self) -> AdaptationForm | None:
-        """The learner's form of adaptation; None if the method does not adapt."""
-        return self.learner.adaptation if self.pipeline.adapts else None
-
-    @property
-    def force_adaptation(self) -> AdaptationForm | None:
-        """The form of adaptation of the expected force; None without."""
-        form = self.learner.force_adaptation or self.learner.adaptation
+    def adaptation(self, movement: Movement) -> AdaptationForm | None:
+        """Return the learner's form of adaptation of a movement; None without."""
+        form = self.learner.adaptation or own_adaptation(movement)
         return form if self.pipeline.adapts else None
+
+    def force_adaptation(self, forces: Movement) -> AdaptationForm | None:
+        """Return the form of adaptation of the expected forces; None without."""
+        form = self.learner.force_adaptation if self.pipeline.adapts else None
+        return form or self.adaptation(forces)
 
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
@@ -207,11 +208,7 @@ class Method:
         if prior_mean is None:
             movement = as_movement(fit(aligned), aligned)
         else:
-
-            def fit_rest(rest: AlignedDemonstrations) -> Movement:
-                return as_movement(fit(rest, centred=False), rest)
-
-            movement = fit_residual(aligned, prior_mean, fit_rest)
+            movement = fit_residual(aligned, prior_mean, partial(fit, centred=False))
         forces = aligned.forces
         if forces is None or not isinstance(movement, LearnedMovement):
             return movement
@@ -258,11 +255,11 @@ class Method:
         if isinstance(movement, LearnedMovement) and movement.forces is not None:
             # A single demonstration does not show how repetitions differ.
             alone = len(movement.forces.aligned.poses) < 2
-            form = None if alone else self.force_adaptation
+            form = None if alone else self.force_adaptation(movement.forces)
             forces = GriddedMovement(movement.forces, form, _GRID)
         inference = pipeline.size_inference if pipeline.adapts else None
         return CompliantAgent(
-            GriddedMovement(movement, inference or self.adaptation, _GRID),
+            GriddedMovement(movement, inference or self.adaptation(movement), _GRID),
             phases=pipeline.phases(movement),
             config=replace(pipeline.config, profile=profile, phase_stiffness=stiffness),
             forces=forces,
@@ -364,7 +361,7 @@ class LearnedMode(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PolicyOrigin:
-    """Origin of a policy: plain data, by which `load_policy` finds it again."""
+    """Origin of a policy, as plain data."""
 
     name: str
     """The name under which it was requested."""
@@ -382,15 +379,6 @@ class PolicyOrigin:
     version: str = ""
     metadata: str = ""
     """What the server states, as JSON."""
-
-    @property
-    def content(self) -> tuple[str, ...]:
-        """Data that must be equal if two origins are of the same policy."""
-        return self.version, self.sha256, self.metadata
-
-    def __str__(self) -> str:
-        package = f"{self.distribution} {self.version}, " if self.version else ""
-        return f"{package}{self.file or 'built in'}, sha256 {self.sha256[:12] or '-'}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

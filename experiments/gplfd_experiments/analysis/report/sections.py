@@ -94,12 +94,8 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
             "Peak radial force against radius, a panel per policy",
         ),
     ]
-    errors = (
-        episode.metrics["forecast_error_mm"]
-        for group in runs.values()
-        for episode in group
-    )
-    if any(error is not None for of_episode in errors for error in of_episode):
+    ran = [episode for group in runs.values() for episode in group]
+    if any(e is not None for run in ran for e in run.metrics["forecast_error_mm"]):
         forecast = Plot(
             "forecast",
             partial(plots.forecast_by_progress, runs, reference),
@@ -109,8 +105,8 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
         )
         blocks.append(forecast)
     blocks.append(measures_table(conditions))
-    for name, ran in conditions.items():
-        rows = measures.study_rows(e for group in ran.values() for e in group)
+    for name, policies in conditions.items():
+        rows = measures.study_rows(e for group in policies.values() for e in group)
         heading = f"Door by door: {name}" if several else "Door by door"
         note = "Times, forces and slip: medians over the doors opened and held."
         blocks.append(replace(measures.study_table(rows), title=heading, note=note))
@@ -145,13 +141,9 @@ def measures_table(conditions: Mapping[str, Runs]) -> Table:
             texts = [m.text(value.estimate if value else None) for m, value in typical]
             heads = [measure.column for measure in column]
             cells.append(("\n".join(heads), "\n".join(texts)))
-        peaks = [
-            max(
-                e.number(f"force_{way}_peak") or 0.0 for way in ("tangential", "radial")
-            )
-            for e in episodes
-            if e.opened()
-        ]
+        opened = [e for e in episodes if e.opened()]
+        ways = ("force_tangential_peak", "force_radial_peak")
+        peaks = [max(e.number(way) or 0.0 for way in ways) for e in opened]
         strong = sum(peak > measures.ADA_FORCE for peak in peaks)
         share = f"{strong}/{len(peaks)}" if peaks else "–"
         cells.append((f"above {measures.ADA_FORCE} N", share))

@@ -264,9 +264,7 @@ def study_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 def remarks(results: Sequence[EpisodeResult]) -> list[str]:
     """Return notes for readers of rates: errors, lost episodes, late decisions."""
     failed = "ended in an error of the policy and count as not opened"
-    lost = (
-        "were lost, because the machine failed, and are excluded; run the study again"
-    )
+    lost = "were lost, as the machine failed, and are excluded; run the study again"
     texts = []
     for which, text in ((False, failed), (True, lost)):
         if some := [r for r in results if r.error and r.lost == which]:

@@ -155,8 +155,9 @@ def read_results(*folders: Path) -> StudyResults:
         try:
             if (file := folder / STUDY).exists():
                 studies[-1] = read_study(folder)
-                config = entry({"config": {}, **studies[-1]}, "config", dict[str, Any])
-                sources = {**config.get("policy_sources", {})}
+                for about in (*studies[-1].get("earlier", ()), studies[-1]):
+                    config = entry({"config": {}, **about}, "config", dict[str, Any])
+                    sources |= config.get("policy_sources", {})
         except (OSError, ValueError, TypeError) as error:
             unreadable.append(_reason(file, error))
         current = []

@@ -154,12 +154,6 @@ def success_measure(trial: protocol.Trial) -> str:
     return next(shares, "success")
 
 
-def deciding_measure(trial: protocol.Trial) -> str:
-    """Return the first measure of a trial that is not a share."""
-    numbers = (name for name in trial.measures if not MEASURES[name].share)
-    return next(numbers, trial.measures[0])
-
-
 def trial_answers(results: StudyResults) -> dict[str, Any]:
     """Return every number of trials, seed by seed, and every contrast, for JSON."""
 

@@ -49,7 +49,8 @@ class Submit(Card):
             print("nothing is written: the results do not follow the protocol")
             return options.FAILED
         print(
-            f"{self.out}: check it with  {options.next_command('verify', self.out)}\n"
+            f"{self.out}: check it with  {options.next_command('verify', self.out)}"
+            " (--trust runs policies in it)\n"
             "Propose it by a pull request that adds it to docs/results/submissions; "
             "its text is .github/PULL_REQUEST_TEMPLATE/submission.md"
         )

@@ -107,7 +107,7 @@ def adaptation(
 
     For methods without via-points all are None.
     """
-    form, learned = method.adaptation, movement.predict(GRID)
+    form, learned = method.adaptation(movement), movement.predict(GRID)
     if form is None:
         names = ["error_position_m", "error_rotation_rad", "far_change", "far_error"]
         names += ["error_strict_position_m", "error_strict_rotation_rad"]
@@ -148,7 +148,7 @@ def forecasts(method: Method, movement: Movement, left_out: OnPhases) -> Scores:
     """
     scores: Scores = {}
     for share in FORECASTS:
-        rest, _, _ = observed(method.adaptation, movement, left_out, share)
+        rest, _, _ = observed(method.adaptation(movement), movement, left_out, share)
         scores |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
     return scores
 
@@ -164,7 +164,7 @@ def online_forecasts(
     counts = np.searchsorted(left_out.phases, FORECASTS, side="right").tolist()
     learned = movement.predict(GRID)
     watched: Mapping[int, Forecast] = {}
-    if method.adaptation is not None:
+    if method.adaptation(movement) is not None:
         watched = watch(method, movement, left_out.poses, counts, period)
     scores: Scores = {}
     for share, count in zip(FORECASTS, counts, strict=True):
@@ -203,7 +203,7 @@ def watch(
     forecasts by number of observed poses, 1 to N; they depend on no later pose.
     """
     agent = CompliantAgent(
-        GriddedMovement(movement, method.adaptation, GRID.size),
+        GriddedMovement(movement, method.adaptation(movement), GRID.size),
         phases=method.pipeline.phases(movement),
         config=replace(method.pipeline.config, control_period=period),
     )
@@ -268,7 +268,7 @@ def force_scores(
     felt = OnPhases(phases=left_out.phases, poses=apart.reshape(-1, 6))
     asked = felt.thinned(200)
     predictions = {"force": (learned.predict(asked.phases), asked.poses)}
-    form = method.force_adaptation
+    form = method.force_adaptation(learned)
     noise = np.repeat(np.array(ComplianceConfig().force_std), 3)
     for share in FORECASTS:
         rest, truth, _ = observed(form, learned, felt, share, noise)
