@@ -497,6 +497,7 @@ def test_forces_of_a_bag_are_those_of_one_topic_on_the_clock_of_the_hand(tmp_pat
     assert motion.wrenches is None
     assert motion.notes == ("forces left out: choose with --wrench: /a, /b",)
     motion = only(tmp_path / "bag", wrench="/b")
+    assert motion.notes[0].startswith("forces have the frame of the poses")
     assert_allclose(motion.wrenches, FORCE, rtol=0, atol=1e-12)
     # Forces at every fifth sample from the tenth to the fortieth, but for three.
     hand = [message("/hand", place) for place in range(N)]

@@ -251,8 +251,7 @@ def test_results_before_a_change_are_left_out(write_study, episode_result, caplo
         store.write_study(folder, {"config": {"seeds": (seeds,)}})
     about = read_results(folder)
     assert about.episodes == episodes
-    earlier = [entry["config"] for entry in about.study["earlier"]]
-    assert earlier == [config, {"seeds": [1]}]
+    assert [e["config"] for e in about.study["earlier"]] == [config, {"seeds": [1]}]
     assert "1 results of policies before a change are left out" in caplog.text
     assert read_results(write_study(results, config=[])).unreadable
 

@@ -13,7 +13,7 @@ from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.heteroscedastic import KerstingNoise
-from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.local_gp import fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
@@ -30,7 +30,7 @@ FITS = {
     "map": partial(fit_skill, noise="map"),
     "kersting": partial(fit_skill, noise=KerstingNoise(n_iterations=2)),
     "homoscedastic": partial(fit_skill, noise="homoscedastic"),
-    "local": partial(fit_local_gp, config=LocalGPConfig()),
+    "local": fit_local_gp,
     "wishart": partial(fit_wishart_gp, config=SHORT_CHAIN, seed=0),
 }
 FORMS = {

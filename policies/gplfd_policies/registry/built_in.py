@@ -58,7 +58,7 @@ from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig, fit_gmm_gp
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
-from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.local_gp import fit_local_gp
 from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, fit_prodmp
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
@@ -117,9 +117,7 @@ _LEARNERS: Final = {
     "promp": Learner(fit=fit_promp),
     "gmr": Learner(fit=fit_gmr),
     "tp-gmm": Learner(fit=fit_tp_gmm),
-    "local-gp": Learner(
-        fit=partial(fit_local_gp, config=LocalGPConfig()), accepts_prior_mean=True
-    ),
+    "local-gp": Learner(fit=fit_local_gp, accepts_prior_mean=True),
     "wishart-gp": Learner(
         fit=partial(fit_wishart_gp, config=WishartGPConfig()),
         seeded=True,
@@ -212,8 +210,7 @@ def _published(resolution: float | None = None, **fields: Any) -> Pipeline:
     see "The resolution of the stiffness law" in docs/notes/methods.md.
     """
     if resolution is not None:
-        profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-        fields["profile"] = profile
+        fields["profile"] = partial(profile_of_spread, resolution=(resolution, 3e-2))
     return Pipeline(beyond=0.0, modes=None, size_inference=None, **fields)
 
 

@@ -36,9 +36,8 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
                 closed = not any(episode.opened() for episode in group)
                 title = parts + ["opened no door (not ranked)"] * closed
                 groups.setdefault(": ".join(title), {})[policy] = group
-    splits = [
-        s for s in reading.SPLITS if any(episode.split == s for episode in counting)
-    ]
+    seen = {episode.split for episode in counting}
+    splits = [split for split in reading.SPLITS if split in seen]
 
     def row(episodes: EpisodeResults) -> document.Cells:
         rates, forces = [], []
@@ -53,11 +52,8 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             forces.append((f"radial force [N],\n{split}", force))
         seeds = {episode.task.seed for episode in episodes}
         reasons = document.literal(measures.closed_because(episodes))
-        return [
-            ("seeds", str(len(seeds))),
-            *(*rates, *forces),
-            ("not opened because", reasons),
-        ]
+        end = "not opened because", reasons
+        return [("seeds", str(len(seeds))), *rates, *forces, end]
 
     note = (
         "**Opened:** doors opened by 60° and held there for 0.5 s with the handle in "

@@ -144,6 +144,9 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     wrenches = None
     if received[force]:
         felt = _of_one_source(received[force], str(force), force_parts, "--wrench")
+        same = felt[0].content.header.frame_id == track[0].content.header.frame_id
+        if same and settings.force_axes == "hand" and kind != _JOINTS:
+            notes.append("forces have the frame of the poses: --force-axes recorded?")
         clock, first = _clock(felt)
         if restarts(times) or restarts(clock):
             notes.append("forces left out: the clock restarts; cut the bag there")

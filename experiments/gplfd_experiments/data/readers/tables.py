@@ -338,6 +338,7 @@ def recording(
             notes.append("forces without moments: taken as zero about the sensor")
     else:
         unused += sorted(measured)  # Such as those of a magnetometer.
+    unused += sorted(ORIENTED & columns.keys() - set(form or ()))
     if unused:
         notes.append(f"columns {listed(unused)} are not used")
     positions, unit = quantity(POSITION)

@@ -106,7 +106,10 @@ class LocalGaussianProcesses(MomentMovement):
 
 
 def fit_local_gp(
-    aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
+    aligned: AlignedDemonstrations,
+    config: LocalGPConfig = LocalGPConfig(),
+    *,
+    centred: bool = True,
 ) -> LocalGaussianProcesses:
     """Learn local Gaussian processes; for one demonstration, the scatter of samples."""
     times, poses = aligned.times, aligned.poses
