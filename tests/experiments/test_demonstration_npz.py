@@ -100,6 +100,7 @@ SHORT = {"signals": ["f"], "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)}
         ({"units": "s, mm, deg"}, "units is 's, mm, deg', must be 's, m, "),
         ({"frame": "world"}, "frame is 'world', must be one of"),
         ({"signals": ["force"]}, "it lacks 'force_0'"),
+        ({"signals": ["poses"]}, "a signal cannot have the name 'poses'"),
         (SHORT, r"signal 'f' has shape \(2, 1\), must be \("),
         (
             {"wrenches_1": np.full((50, 6), np.nan)},

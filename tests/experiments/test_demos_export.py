@@ -77,6 +77,13 @@ def test_what_was_written_is_read_back(shown):
         assert_allclose(motion.demonstration.wrenches, one.wrenches, atol=apart)
 
 
+def test_what_only_some_demonstrations_have_is_left_out_with_a_warning(shown, caplog):
+    some = [shown[0], replace(shown[1], wrenches=None)]
+    save_demonstrations("demonstrations.npz", some)
+    assert exported("b") == 0
+    assert "lack it: observation.environment_state" in caplog.text
+
+
 def test_lerobot_finds_what_it_looks_for(shown):
     assert exported("b") == 0
     info = json.loads(Path("b/meta/info.json").read_text())
@@ -111,7 +118,6 @@ def test_uneven_steps_and_what_is_there_are_refused(shown, caplog):
     assert not Path("b").exists()
 
 
-# ------------------------------------------------------------------ episodes
 @pytest.fixture(scope="module")
 def episodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two short episodes as `gplfd demos record` writes them."""
@@ -216,7 +222,6 @@ def test_what_cannot_be_exported_is_said(episodes, arguments, message, caplog):
     assert not Path("b").exists()
 
 
-# ------------------------------------------------------------------- replays
 @pytest.mark.parametrize("action", SIZES)
 def test_replayed_actions_lead_to_the_same_states_again(action, monkeypatch):
     monkeypatch.setitem(OFFICIAL, "learner-2", 2)

@@ -89,8 +89,11 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert kept.frame == FIRST_POSE
     # What is not in the frame of a door opens none, and the message says what to do.
     assert cli.main(["learn", "set", "--out", "skill.npz", "--quiet"]) == 0
-    for source in (["--skill", "skill.npz"], ["--demonstrations", "set"]):
-        assert cli.main(["run", *source, "--doors", "medium", "--quiet"]) == 2
+    for command in (
+        *("run --doors medium --skill skill.npz", "serve skill.npz"),
+        *("run --doors medium --demonstrations set", "serve gp --demonstrations set"),
+    ):
+        assert cli.main(command.split()) == 2
         assert "import the recordings with gplfd demos import FILES" in caplog.text
         caplog.clear()
     assert_allclose([one.poses[0] for one in kept.demonstrations], 0.0, atol=1e-12)
@@ -103,6 +106,8 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
         kept.demonstrations, load_demonstrations("set").demonstrations, strict=True
     ):
         assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
+    Path("set/import.json").unlink()  # As in a run's folder.
+    assert imported(*again, "--overwrite") == 2
 
 
 @pytest.mark.usefixtures("no_picture")

@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 RATE = 200.0
 ANY = ImportSettings()
 AS_RECORDED = ImportSettings(frame="recorded", keep_rests=True, cutoff=0.0, rate=0.0)
+RESTS: Any = {"segment": "rests"}
 START = np.array([1.2, -0.4, 0.9])
 TURN = Rotation.from_rotvec([0.4, -0.2, 1.1])
 """Where a door stands in the world, and how."""
@@ -71,7 +72,6 @@ GAPPY = RAW.part(np.abs(np.arange(401) - 220) > 40)
 FAR = np.r_[TIMES[:-1], 1e9]
 
 
-# ------------------------------------------------------------------ nothing is lost
 def test_as_recorded_is_as_recorded():
     motion = only(RAW)
     assert_array_equal(motion.demonstration.times, RAW.times)
@@ -92,7 +92,6 @@ def test_units_become_metres():
     assert "although the file states in" in texts(only(scaled, units="m"))
 
 
-# ------------------------------------------------------------------ samples are mended
 def test_samples_out_of_order_repeated_and_missing():
     rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(TIMES)]
     messy = RAW.part(rows)
@@ -106,6 +105,15 @@ def test_samples_out_of_order_repeated_and_missing():
     assert "2 of 404 samples missing" in said
     assert "time stamps went back 1 times: sorted" in said
     assert "3 samples with a repeated time stamp left out" in said
+
+
+def test_missing_values_of_signals_are_those_of_their_time():
+    """Also where the halves of a recording were written in the other order."""
+    width = np.asarray(RAW.times)[:, None].copy()
+    width[10] = np.nan
+    swapped = replace(RAW, signals={"gripper": width}).part(np.r_[200:401, 0:200])
+    samples = usable(swapped, AS_RECORDED, Notes())
+    assert_allclose(samples.signals["gripper"][:, 0], samples.times, atol=1e-12)
 
 
 @pytest.mark.parametrize("late", [0.0, -40.0, 1e6])
@@ -155,7 +163,8 @@ def test_signs_of_quaternions_do_not_matter():
     ("given", "settings", "message"),
     [
         ({"quaternions": 1.5 * WXYZ}, {}, r"quaternion of sample 0 has norm 1\.5"),
-        ({"times": FAR}, {"segment": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
+        ({"positions": np.ones((401, 3)), "quaternions": None}, RESTS, "csv: .* moves"),
+        ({"times": FAR}, RESTS, r"door.csv: .* span 1e\+09 s in steps"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
         ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
         ({"times": 0.0 * TIMES}, {}, "csv: all samples have the same time stamp"),
@@ -175,6 +184,7 @@ def filled(value: float) -> Any:
     ]
 
 
+TWICE = np.minimum(np.arange(1.0, 202.0), 2.0)[:, None]
 LEVEL = np.r_[np.full(100, 0.9), np.full(50, -1.0), np.full(251, 0.9)]
 """Heights of a plane but for some that a program fills."""
 
@@ -190,6 +200,7 @@ def moved(samples: slice, by: Any) -> dict[str, Any]:
     [
         (moved(np.s_[100:103], [0.23, 0, 0]), 398, True, "3 samples of short jumps"),
         (moved(np.s_[200:], [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99"),
+        (moved(np.s_[200:], 0.3 * TWICE), 401, True, "2 jumps of the tracker, at 0.99"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
         ({"positions": 1e3 * POSITIONS}, 401, True, "m: is the unit right?"),
         ({"positions": 1e-3 * POSITIONS}, 401, True, "m: is the unit right?"),
@@ -218,7 +229,6 @@ def test_what_is_mended_or_suspicious_is_said(given, kept, warning, note):
     assert note in texts(motion, warnings=warning)
 
 
-# ------------------------------------------------------------------ what is suspicious
 @pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     table = np.column_stack([np.asarray(RAW.times) / s, RAW.positions])
@@ -276,7 +286,6 @@ def test_one_that_is_unlike_the_others_is_named():
     assert not outliers([np.zeros((9, 6))] * 4 + [np.full((9, 6), 0.01)])
 
 
-# ------------------------------------------------------------------ filter and rate
 def test_the_filter_halves_its_cutoff_and_keeps_slow_motion():
     raw = door(seconds=4.0)
     wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
@@ -289,7 +298,6 @@ def test_the_filter_halves_its_cutoff_and_keeps_slow_motion():
     assert np.abs(still).max() < 2e-4
 
 
-# ------------------------------------------------------------------ rests, repetitions
 def test_gaps_are_bridged_or_refused():
     bridged = only(GAPPY, rate=100.0)
     assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
@@ -320,7 +328,6 @@ def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
     assert_allclose(first[-1, :3], end, atol=5e-3)
 
 
-# ------------------------------------------------------------------ frames
 def test_poses_are_composed_and_not_subtracted():
     recorded = only(RAW).demonstration.poses
     relative = only(RAW, frame="first-pose").demonstration
@@ -438,7 +445,6 @@ def test_where_a_tracker_lost_the_hand_samples_are_missing(lost):
     assert len(only(relative).demonstration.times) == 401
 
 
-# ------------------------------------------------------------------ forces
 FRAME_POSE = (0.3, -0.2, 0.5, 0.5, 0.5, -0.5, 0.5)
 SENSOR_POSE = (0.02, -0.01, -0.12, 0.8, 0.0, 0.6, 0.0)
 OFFSET = (0.1, 0.05, -0.03, 0.6, 0.0, 0.0, 0.8)

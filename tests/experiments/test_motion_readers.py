@@ -49,7 +49,6 @@ FORCE = np.column_stack([10.0 * PHASE, PHASE, -PHASE, 0.1 * PHASE, PHASE, PHASE]
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
 
-# ------------------------------------------------------------------ files of every kind
 def write_csv(path: Path) -> None:
     heads = "time [s],x [m],y [m],z [m],qw,qx,qy,qz,comment,fx,fy,fz,"
     heads += "mx [N mm],my [N mm],mz [N mm]"
@@ -209,7 +208,7 @@ def write_lerobot(path: Path) -> None:
 def write_set(path: Path) -> None:
     poses = np.hstack([POSITIONS, ROTATIONS.as_rotvec()])
     one = Demonstration(times=TIMES, poses=poses, wrenches=FORCE)
-    save_demonstrations(path, [one])
+    save_demonstrations(path, [one], signals=[{"gripper": FORCE[:, :2]}])
 
 
 def write_set_folder(path: Path) -> None:
@@ -265,7 +264,6 @@ def written(request: Any, tmp_path_factory: Any) -> tuple[Kind, Path]:
     return kind, path
 
 
-# ------------------------------------------------------------------ the contract
 def test_files_of_every_reader_are_written_here():
     suffixes = {Path(kind.name).suffix for kind in KINDS.values()}
     for reader in READERS:
@@ -291,7 +289,7 @@ def test_reads_what_was_written(written):
         assert_allclose(metres * one.positions, positions, rtol=0, atol=atol)
         # Bags have whole nanoseconds since an epoch, read as seconds since the first.
         assert_allclose(np.asarray(one.times), times, rtol=0, atol=1e-15)
-        if kind.write is write_robomimic:
+        if kind.write in (write_robomimic, write_set):
             assert_array_equal(one.signals["gripper"], FORCE[:, :2])
         # Markers of a body tell its orientation relative to its first.
         expected = rotations * rotations[0].inv() if float32 else rotations
@@ -334,7 +332,6 @@ def test_forces_pass_from_files_to_demonstrations(written):
             assert assumed != states_convention
 
 
-# ------------------------------------------------------------------ the child process
 def endless_rows(path: Path) -> None:
     """A database whose version is computed without end."""
     write_one_file(path, StoragePlugin.SQLITE3)
@@ -392,7 +389,6 @@ def test_frames_that_a_header_cannot_count_are_missed(tmp_path):
         read_here(tmp_path / "a.c3d", ANY)
 
 
-# ------------------------------------------------------------------ particular kinds
 def only(path: Path, **selection: Any) -> RawRecording:
     (one,) = read_here(path, ImportSettings(**selection))
     return one
@@ -588,6 +584,8 @@ def test_orientations_of_a_set_that_are_not_used_are_named(tmp_path):
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         file["data/demo_2/obs"].move("robot0_eef_quat", "robot0_eef_pose")
     note = "robot0_eef_pose are not used: it has no orientation"
+    stated = read_here(tmp_path / "a.hdf5", ImportSettings(recorded_rate=9.0))
+    assert stated[0].times is None  # So that no time stamps are said to be replaced.
     turned = [note in one.notes for one in read_here(tmp_path / "a.hdf5", ANY)]
     assert turned == [True, False]
 

@@ -36,7 +36,6 @@ def quaternions(motion: RawRecording) -> Any:
     return motion.quaternions
 
 
-# ------------------------------------------------------------------ tables of people
 def table(tmp_path: Path, text: str, **options: Any) -> RawRecording:
     (tmp_path / "a.csv").write_text(text)
     return only(tmp_path / "a.csv", **options)
@@ -202,7 +201,6 @@ def test_motive_states_units_in_its_first_line_and_bodies_above_the_columns(tmp_
         table(tmp_path, text)
 
 
-# ------------------------------------------------------------------ arrays of people
 def cells(*arrays: Any) -> Any:
     made = np.empty((1, len(arrays)), dtype=object)
     made[0, :] = arrays
@@ -260,7 +258,6 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
         read_here(path, ANY)
 
 
-# ------------------------------------------------------------------ refusals
 def states_of_robosuite(path: Path) -> None:
     with h5py.File(path, "w") as file:
         file["data/demo_1/states"] = POSITIONS

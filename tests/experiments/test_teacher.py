@@ -129,7 +129,6 @@ def test_wrong_requests_are_refused(call: Any, message: str) -> None:
         call()
 
 
-# ------------------------------------------------------------------ habits
 def angles(habits: Habits, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return times and door angles of a recording without noise."""
     teacher = Teacher(TeacherConfig(**NOISELESS), habits)
@@ -189,7 +188,6 @@ def test_samples_are_lost_and_misplaced_as_told() -> None:
     assert kept.sum() >= 2
 
 
-# ------------------------------------------------------------------ handles
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 KINDS = [
     dataclasses.replace(LEVER, handle=handle, swing=swing, hinge_side=side)

@@ -45,7 +45,6 @@ def test_half_the_power_gives_the_covariance_within_components(process):
 
 
 def test_the_kernel_is_the_published_one_with_the_kernels_of_a_library(process):
-    """Via-points condition it in `test_movements.py`."""
     scale, phases = process.regression.standardisation.scale, GRID[1::7] + 0.01
     kernel = process.kernel(*map(process.kernel.places, (GRID, phases)))
     expected = published_kernel(process, GRID, phases)

@@ -73,10 +73,10 @@ def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
 def test_a_corrected_skill_is_another_one_that_knows_more_doors(skill):
     correction = led(0.62, np.radians(64.0), noise=0.0, by="synthetic", phase=0.3)
     before = skill.predict(np.linspace(0.0, 1.0, 20))
-    better = GP.update(skill, correction)
+    better = GP.update(replace(skill, frame="given"), correction)
     assert better is not skill
     assert (skill.corrections, skill.count, better.count) == ((), 4, 5)
-    assert better.corrections == (correction,)
+    assert (better.corrections, better.frame) == ((correction,), "given")
     after = skill.predict(np.linspace(0.0, 1.0, 20))
     assert_array_equal(before.mean, after.mean)
     # Only the correction had wrenches.

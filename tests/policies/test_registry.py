@@ -35,17 +35,6 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
         assert np.isfinite(step.action).all()
 
 
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", ["gp", "promp", "prodmp", "kmp", "gmm-gp", "tp-gmm"])
-def test_learners_adapt_a_single_demonstration_themselves(name, demonstrations):
-    agent = make_agent(f"{name}@no-size", demonstrations[:1])
-    agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
-    for angle in (0.0, 0.04, 0.08):
-        pose = handle_pose_on_arc(0.5, angle)
-        step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
-        assert np.isfinite([*step.action, *step.stiffness]).all()
-
-
 @pytest.mark.parametrize(
     ("scale", "shift", "message"),
     [
@@ -72,7 +61,8 @@ def test_motions_of_any_task_are_learned(name):
         share = times / times[-1]
         start = [5.0, 2.0] + 0.1 * rng.normal(size=2)
         way = np.column_stack([share, 0.3 * np.sin(6.0 * share)])
-        motions.append(Demonstration.from_positions(times, start + way))
+        poses = np.pad(start + way, ((0, 0), (0, 4)))
+        motions.append(Demonstration(times=times, poses=poses))
     method = POLICIES[name].method
     movement = method.learn(TrainingInput(demonstrations=motions))
     mean = movement.predict(np.array([0.0, movement.aligned.end])).mean

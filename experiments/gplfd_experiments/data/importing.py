@@ -46,7 +46,7 @@ def import_recordings(
     matching = {f: [] if f.exists() else sorted(map(Path, glob(str(f)))) for f in files}
     files = [path for file in files for path in matching[file] or [file]]
     check_folder(folder.parent)
-    check_replaceable(folder, npz.FILE, "set of demonstrations", overwrite=overwrite)
+    check_replaceable(folder, "import.json", "imported set", overwrite=overwrite)
     reading = progress_bar(
         read_files(files, settings), desc="reading", unit="file", total=len(files)
     )

@@ -79,11 +79,12 @@ def call_apart(policy: Hashable, function: Callable[..., Any], *arguments: Any) 
     except (OSError, EOFError) as error:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(_GRACE)
+        hangs = process.poll() is None
         process.kill()
         with contextlib.suppress(ProcessLookupError, AttributeError):
             os.killpg(process.pid, signal.SIGKILL)  # what it has forked
         process.communicate()
-        status = process.returncode
+        status = _HANGS if hangs else process.returncode
         ended = f"signal {-status}" if status < 0 else f"exit status {status}"
         reason = f"its process ended: {ended}, in the policy's code"
         reason = _ENDLESS if status == _HANGS else reason

@@ -114,7 +114,7 @@ def read_taught(folder: Path) -> list[Taught]:
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted((folder / _FOLDER).glob("[0-9]*.npz"))
+    return sorted((folder / _FOLDER).glob("[0-9][0-9][0-9][0-9].npz"))
 
 
 def _taught(members: Members) -> Taught:

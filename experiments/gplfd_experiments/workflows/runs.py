@@ -188,22 +188,13 @@ def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
             )
 
 
-def check_frame(frame: str, source: Path) -> None:
-    """Raise a ValueError if the frame of a set or a skill is not that of a door."""
-    if frame not in ("door", npz.FRAME):
-        raise ValueError(
-            f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
-            "import the recordings with gplfd demos import FILES --frame hinge"
-        )
-
-
 def _learn(
     settings: RunSettings, alike: Sequence[EpisodeTask], policy: Policy
 ) -> tuple[npz.LabelledDemonstrations, Callable[[], Agent]]:
     """Learn for doors of one kind; return demonstrations and a factory of agents."""
     if settings.skill is not None:
         method, skill = method_and_skill(settings.policy, settings.skill)
-        check_frame(skill.frame, settings.skill)
+        npz.check_frame(skill.frame, settings.skill)
         aligned = skill.aligned.demonstrated
         times = aligned.duration * aligned.times
         # The skill contains the forces, if any.
@@ -214,7 +205,7 @@ def _learn(
         return labelled, partial(method.follow, skill)
     if settings.demonstrations is not None:
         labelled = npz.load_demonstrations(settings.demonstrations)
-        check_frame(labelled.frame, settings.demonstrations)
+        npz.check_frame(labelled.frame, settings.demonstrations)
     else:
         labelled = build.demonstrations_of(alike[0])
     if policy.kind != "reference":

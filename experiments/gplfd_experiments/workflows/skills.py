@@ -20,7 +20,7 @@ from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.tasks import recorded_tasks
 from gplfd_experiments.teaching import lesson
 from gplfd_experiments.teaching.page import TeachingSession, serve
-from gplfd_experiments.workflows.runs import CONFIGURATION, check_frame
+from gplfd_experiments.workflows.runs import CONFIGURATION
 from gplfd_policies.demonstrations import npz
 from gplfd_policies.demonstrations.demonstration import Correction
 from gplfd_policies.movements.movement import Movement
@@ -36,7 +36,7 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
         config = plain_data.read_json(file.with_name(CONFIGURATION))["config"]
         doors = zip(config["doors"], config["demonstrations_of"].values(), strict=True)
         return tuple(door for door, kept in doors if kept == file.name)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         recordings = lesson.read_taught(file.parent)
         return tuple(dict.fromkeys(recording.name for recording in recordings))
 
@@ -63,8 +63,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
             f"demonstrations {kinds}; put each kind into a set of its own"
         )
     movement = modes[0].movement
-    if not isinstance(movement, Skill):
-        raise TypeError(f"fit_skill made a {type(movement).__name__}")
+    assert isinstance(movement, Skill), "skill_method accepts no other learner"
     frames = {npz.FRAME: "door", npz.FIRST_POSE: "first pose"}
     movement = replace(movement, frame=frames.get(labelled.frame, "given"))
     movement.save(target)
@@ -135,7 +134,7 @@ def correct_skill(
             "it further, or another --out"
         )
     method, skill = method_and_skill(policy, file)
-    check_frame(skill.frame, file)
+    npz.check_frame(skill.frame, file)
     store = lesson.CorrectedSkill(method, skill, out)
     named = named_doors(doors).items()
     tasks = [episode_task(*door, policy=policy, seed=seed) for door in named]

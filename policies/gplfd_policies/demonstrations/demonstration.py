@@ -117,20 +117,6 @@ class Demonstration:
         poses = np.hstack([positions, rotvecs])
         return cls(times=times, poses=poses, wrenches=wrenches)
 
-    @classmethod
-    def from_positions(
-        cls, times: Float[np.ndarray, "..."], positions: Float[np.ndarray, "..."]
-    ) -> "Demonstration":
-        """Build a demonstration of a point, whose rotation vectors are zero.
-
-        Positions [m] are (N, 3), or (N, 2) in the plane z = 0.
-        """
-        positions = np.asarray(positions, dtype=np.float64)
-        if positions.ndim != 2 or positions.shape[1] not in (2, 3):
-            raise ValueError(f"positions must be (N, 3) or (N, 2): {positions.shape}")
-        missing = ((0, 0), (0, 6 - positions.shape[1]))
-        return cls(times=times, poses=np.pad(positions, missing))
-
     def relative_to_first(self) -> "Demonstration":
         """Return the motion relative to its first pose, which becomes zero: T_0⁻¹ T."""
         poses = relative_poses(self.poses, self.poses[0])

@@ -53,6 +53,8 @@ class LabelledDemonstrations:
             )
         for motion, arrays in zip(self.demonstrations, signals, strict=True):
             for name, array in arrays.items():
+                if name in ("times", "poses", "wrenches"):
+                    raise ValueError(f"a signal cannot have the name {name!r}")
                 if array.ndim != 2 or len(array) != len(motion.times):
                     raise ValueError(
                         f"signal {name!r:.40} has shape {array.shape}, must be "
@@ -97,6 +99,15 @@ def save_demonstrations(
             empty = np.zeros((0, 0))
             arrays[f"{name}_{number}"] = labelled.signals[number].get(name, empty)
     write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
+
+
+def check_frame(frame: str, source: str | Path) -> None:
+    """Raise a ValueError if the frame of a set or a skill is not that of a door."""
+    if frame not in ("door", FRAME):
+        raise ValueError(
+            f"{source} cannot open doors: its frame is not a door's but {frame!r}; "
+            "import the recordings with gplfd demos import FILES --frame hinge"
+        )
 
 
 def load_demonstrations(path: str | Path) -> LabelledDemonstrations:

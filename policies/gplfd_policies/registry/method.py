@@ -318,7 +318,8 @@ class Method:
             warnings.simplefilter("ignore", UserWarning)
             learned = self.learn(TrainingInput(demonstrations=demonstrations))
         if isinstance(movement, Skill) and isinstance(learned, Skill):
-            return replace(learned, corrections=(*movement.corrections, correction))
+            corrections = (*movement.corrections, correction)
+            return replace(learned, frame=movement.frame, corrections=corrections)
         return learned
 
     def completed(self, movement: Movement, correction: Correction) -> Demonstration:

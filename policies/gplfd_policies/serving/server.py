@@ -11,10 +11,7 @@ from pathlib import Path
 
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.reaching import ReachingAgent, learn_reach, openings, reaches
-from gplfd_policies.demonstrations.npz import (
-    LabelledDemonstrations,
-    load_demonstrations,
-)
+from gplfd_policies.demonstrations import npz
 from gplfd_policies.registry.catalogue import make_agent, method_and_skill, policy_named
 from gplfd_policies.serving.openpi import serve_openpi
 from gplfd_policies.serving.protocol import (
@@ -29,7 +26,7 @@ from gplfd_policies.serving.settings import ServeSettings
 
 
 def served_agent(
-    settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
+    settings: ServeSettings, demonstrations: npz.LabelledDemonstrations | None = None
 ) -> Agent:
     """Make the agent of a skill file, or of a policy and demonstrations.
 
@@ -43,6 +40,7 @@ def served_agent(
                 "--demonstrations and --start"
             )
         method, skill = method_and_skill(settings.policy, file)
+        npz.check_frame(skill.frame, file)
         return method.follow(skill)
     policy = policy_named(source)
     if policy.told:
@@ -50,7 +48,8 @@ def served_agent(
             f"policy {source!r} needs the true door, which no message contains"
         )
     if settings.demonstrations is not None:
-        demonstrations = load_demonstrations(settings.demonstrations)
+        demonstrations = npz.load_demonstrations(settings.demonstrations)
+        npz.check_frame(demonstrations.frame, settings.demonstrations)
     if demonstrations is None:
         if policy.kind != "reference" or settings.start == "approach":
             raise ValueError(
@@ -165,7 +164,7 @@ class Server:
 
 
 def serve(
-    settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
+    settings: ServeSettings, demonstrations: npz.LabelledDemonstrations | None = None
 ) -> None:
     """Serve an agent by settings, until the client or an interruption ends it.
 

@@ -110,7 +110,8 @@ class Learn:
         """Learn, and print how to use the file."""
         from gplfd_experiments.workflows.skills import demonstrated_doors, learn_skill
 
-        out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
+        name = self.demonstrations.absolute().name.removesuffix(".npz")
+        out = self.out or Path(f"{name}-skill.npz")
         skill = learn_skill(
             self.demonstrations, out, policy=self.policy, seed=self.seed
         )

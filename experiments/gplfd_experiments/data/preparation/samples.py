@@ -201,7 +201,8 @@ def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples
     for column in (column for signal in signals.values() for column in signal.T):
         recorded = np.isfinite(column) & np.isfinite(times)
         if recorded.any() and not recorded.all():
-            column[:] = np.interp(times, times[recorded], column[recorded])
+            order = np.flatnonzero(recorded)[np.argsort(times[recorded], kind="stable")]
+            column[:] = np.interp(times, times[order], column[order])
     positions = raw.positions * METRES[units or raw.unit or "m"]
     samples = Samples(
         times=times,
@@ -281,7 +282,9 @@ def without_spikes(samples: Samples, notes: Notes) -> Samples:
         )
     kept, stay = np.full(len(samples.times), True), list[int]()
     for jump in np.flatnonzero(jumps).tolist():
-        if stay and jump - stay[-1] <= _LONGEST_SPIKE:
+        poses = samples.poses[[stay[-1] if stay else jump, jump, jump + 1]]
+        away, left = np.linalg.norm(poses[1:] - poses[0], axis=1)
+        if stay and jump - stay[-1] <= _LONGEST_SPIKE and left < 0.5 * away:
             kept[stay.pop() + 1 : jump + 1] = False
         else:
             stay.append(jump)
@@ -322,6 +325,8 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     speed = np.interp(times, clock, uniform_filter1d(lengths, 3))
     # Runs of motion, joined where the rest between them is short.
     moving = speed > _RESTING * np.percentile(speed, 95.0)
+    if not moving.any():
+        return [samples]  # Its extent is refused with a message.
     edges = np.diff(np.concatenate([[False], moving, [False]]).astype(int))
     starts = times[np.flatnonzero(edges == 1)]
     ends = times[np.flatnonzero(edges == -1) - 1]

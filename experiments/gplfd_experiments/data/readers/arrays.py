@@ -256,7 +256,7 @@ def robomimic(path: Path, settings: ImportSettings) -> list[RawRecording]:
             motion = replace(_motion(label, arrays, angles), unit="m", signals=signals)
             unused = {key for key in obs if key.startswith(f"{hand}_")}
             motions.append(_not_turning(motion, unused - {*sources.values()}))
-    if rate is None:
+    if rate is None or settings.recorded_rate is not None:
         return motions
     return [replace(m, times=np.arange(len(m.positions)) / rate) for m in motions]
 
@@ -345,6 +345,7 @@ def _not_turning(motion: RawRecording, unused: Iterable[str]) -> RawRecording:
 def own_set(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read poses and wrenches of a set of demonstrations, or as they were observed."""
     del settings  # No choice is open.
+    signals = dict[int, Any]()
     if observed := (path / "data/metadata.json").is_file():
         from gplfd_experiments.data.minari import open_dataset
 
@@ -352,8 +353,9 @@ def own_set(path: Path, settings: ImportSettings) -> list[RawRecording]:
         seen = [dataset.episode(n).observations for n in range(dataset.n_episodes)]
         motions = [(s["time"][:, 0], s["ee_pose"], s["wrench"]) for s in seen]
     else:
-        recorded = load_demonstrations(path).demonstrations
-        motions = [(motion.times, motion.poses, motion.wrenches) for motion in recorded]
+        kept = load_demonstrations(path)
+        motions = [(m.times, m.poses, m.wrenches) for m in kept.demonstrations]
+        signals = dict(enumerate(kept.signals))
     return [
         RawRecording(
             f"{path.name}: episode {number}" if observed else f"{path.name}[{number}]",
@@ -363,6 +365,7 @@ def own_set(path: Path, settings: ImportSettings) -> list[RawRecording]:
             tables.quaternions_of(tables.ROTATION_VECTOR, poses[:, 3:]),
             wrenches=wrenches,
             forces_on="hand" if observed else "object",
+            signals=signals.get(number, {}),
         )
         for number, (times, poses, wrenches) in enumerate(motions)
     ]

@@ -343,6 +343,8 @@ def _write(
             for name in kept[0]
             if all(name in columns for columns in kept)
         }
+        if partial := ", ".join(sorted(set[str]().union(*kept) - whole.keys())):
+            LOG.warning(f"warning: left out, as some demonstrations lack it: {partial}")
         whole["timestamp"] = (frames / rate).astype(np.float32)
         whole["frame_index"] = frames
         whole["episode_index"] = np.repeat(numbers, lengths)
