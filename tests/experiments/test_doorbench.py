@@ -278,7 +278,7 @@ def test_folding_leaves_do_the_work_of_their_rollers_and_hinges(
     [
         (rolling("bifold", 0.76, 2), "DoorConfig.radius = 1.46 is outside"),
         (rolling("dutch", 0.8, joining_bolt_engaged=False), "halves are not joined"),
-        (rolling("rollup", 2.4), "family is 'rollup', none of swing_"),
+        (rolling("rollup", 2.4), "family is 'rollup', not swing_"),
         (changed("schema_version", "2.0"), "schema_version is '2.0', not '1.0'"),
         (changed("operator/model", "hook_lock_slider"), "a pull that turns or slides"),
         (changed("operator/model", "push_button_screen"), "which a gripper with two"),

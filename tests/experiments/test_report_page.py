@@ -233,7 +233,7 @@ def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
     assert cli.main(["report", str(folder), str(folder)]) == 2
     assert "both hold results of gp; leave out one" in capsys.readouterr().err
     assert cli.main(["report", str(folder), "--reference", "kpm"]) == 2
-    assert "kpm is not in this study, but gp, kmp" in capsys.readouterr().err
+    assert "kpm is none of gp, kmp" in capsys.readouterr().err
     assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
     assert "`kmp` against each other policy" in (folder / "report.md").read_text()

@@ -97,9 +97,7 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         if version != "1.0":
             raise ValueError(f"its schema_version is {version!r}, not '1.0'")
         if family not in _FAMILIES:
-            raise ValueError(
-                f"its family is {family!r}, none of {', '.join(_FAMILIES)}"
-            )
+            raise ValueError(f"its family is {family!r}, not {', '.join(_FAMILIES)}")
         fields = spec.all_at(_PLACES["leaf"])
         fields["hinge_side"] = side = spec.at("hinge/side", str)
         if side not in ("left", "right"):

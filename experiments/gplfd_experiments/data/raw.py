@@ -45,9 +45,7 @@ class RawRecording:
     def __post_init__(self) -> None:
         rows = len(self.positions)
         if rows < 2:
-            raise ValueError(
-                f"{self.name} has {rows} samples; a motion needs at least two"
-            )
+            raise ValueError(f"{self.name} has {rows} samples; a motion needs two")
         for name, width in _WIDTHS.items():
             array = getattr(self, name)
             if array is not None and array.shape != (rows, *width):

@@ -81,6 +81,12 @@ def _demonstrated(key: str) -> LabelledDemonstrations:
     return with_reaches(reaching, demonstrations, labels)
 
 
+@functools.lru_cache(maxsize=256)
+def _learned_reach(key: str) -> Movement:
+    """Learn the reach of demonstrations by their key; all policies reach alike."""
+    return learn_reach(reaches(_demonstrated(key)))
+
+
 def demonstrations_hash(task: EpisodeTask) -> str:
     """Return a hash of the demonstrations of a task."""
     return hash_of(demonstrations_of(task).demonstrations)
@@ -133,7 +139,7 @@ def learned_agents(
     """
     lesson = task.demonstrations_key, task.prior_radius
     movements = movements if labelled is None else None
-    labelled = labelled or demonstrations_of(task)
+    given, labelled = labelled, labelled or demonstrations_of(task)
     prior_mean = None
     if task.prior_radius is not None:
         # The whole arc on the phase of demonstrations that end earlier.
@@ -142,7 +148,10 @@ def learned_agents(
             phases=angles / task.teacher["angle_mean"],
             poses=handle_pose_on_arc(task.prior_radius, angles),
         )
-    reach = learn_reach(reaches(labelled)) if task.start == "approach" else None
+    reach = None
+    if task.start == "approach":
+        key = task.demonstrations_key
+        reach = learn_reach(reaches(given)) if given else _learned_reach(key)
     training = TrainingInput(
         demonstrations=openings(labelled), seed=task.seed, prior_mean=prior_mean
     )

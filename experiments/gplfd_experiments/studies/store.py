@@ -31,9 +31,8 @@ POLICY_ERROR: Final = "policy_error"
 
 _KINDS: Final[Mapping[str, Any]] = {
     **dict.fromkeys(("policy", "door", "failure", "reason", "stage"), str),
-    **dict.fromkeys(
-        ("forecast_progress", "forecast_error_mm"), tuple[float | None, ...]
-    ),
+    "forecast_progress": tuple[float | None, ...],
+    "forecast_error_mm": tuple[float | None, ...],
     **dict.fromkeys(("stiffness_min", "stiffness_max"), tuple[float, ...] | None),
     "success": bool,
     "radius": float,

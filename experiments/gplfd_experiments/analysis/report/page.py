@@ -66,8 +66,7 @@ def report(results: StudyResults, reference: str) -> list[Section]:
         lead.append(sections.summary_table(conditions))
     policies = sorted({result.policy for result in results.all})
     if reference not in ("gp", *policies):
-        there = ", ".join(policies)
-        raise ValueError(f"--reference {reference} is not in this study, but {there}")
+        raise ValueError(f"--reference {reference} is none of {', '.join(policies)}")
     if reference not in policies:
         ranking = [*next(iter(conditions.values()), {}), *policies]
         untold = (p for p in ranking if document.kind_of(p) != document.TOLD)

@@ -41,9 +41,7 @@ def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     with path.open("rb") as stream:
         if path.suffix.lower() == ".mat":
             if stream.read(10) == b"MATLAB 7.3":
-                raise ValueError(
-                    "it is of version 7.3; save it again: save(..., '-v7')"
-                )
+                raise ValueError("it is of version 7.3; save it by save(..., '-v7')")
             for variable, value in scipy.io.loadmat(path, appendmat=False).items():
                 arrays.update(_in_cells(value, variable))
         elif isinstance(loaded := np.load(stream, allow_pickle=False), np.ndarray):
