@@ -46,8 +46,7 @@ def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(
 ):
     """Only while its wheels slip does the base turn faster than it is driven.
 
-    The trajectories are chaotic: on another processor they differ. So the bounds leave
-    room.
+    Trajectories are chaotic, and differ on another processor: the bounds leave room.
     """
     config = door_config(door)
     lockset = config.lockset

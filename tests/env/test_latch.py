@@ -118,12 +118,7 @@ def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
 
 # --- A hand that turns the handle ----------------------------------------------------
 
-LEVER = {
-    "handle": "lever",
-    "latch": "spring",
-    "radius": 0.53,
-    "leaf": {"backset": 0.055},
-}
+LEVER = dict(handle="lever", latch="spring", radius=0.53, leaf={"backset": 0.055})
 KNOB = {
     "handle": "knob",
     "latch": "spring",

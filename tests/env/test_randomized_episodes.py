@@ -55,8 +55,7 @@ def test_the_length_of_an_episode_does_not_change_the_next(make_env):
 def test_the_true_arc_opens_randomized_doors(name, n, make_vec, opening_poses):
     """Each arc is turned as the heading error turns it.
 
-    Nothing is corrected: noise and delay do not matter to it, friction, closer and
-    depth of the grasp do.
+    Nothing is corrected: friction, closer and depth of the grasp matter alone.
     """
     envs = make_vec(n, randomization=name, autoreset_mode="Disabled")
     envs.reset(seed=100)

@@ -25,12 +25,7 @@ from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE, Score
 
 pytestmark = pytest.mark.slow
 
-LEVER = {
-    "handle": "lever",
-    "latch": "spring",
-    "radius": 0.53,
-    "leaf": {"backset": 0.055},
-}
+LEVER = dict(handle="lever", latch="spring", radius=0.53, leaf={"backset": 0.055})
 everywhere = pytest.mark.parametrize(
     "arguments",
     [

@@ -94,8 +94,7 @@ def test_scene_frames_agree_with_the_task_s_words():
 def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
     """Compiled again without them, every body has the same mass, bit for bit.
 
-    Before a base that drives the walls are solid; before one that stands still they
-    are only to be seen.
+    The walls are solid only for a base that drives.
     """
     config = door_config(door)
     spec = build_spec(

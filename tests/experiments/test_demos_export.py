@@ -14,16 +14,19 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.envs.waypoints import SIZES, Condition, WaypointDoor
+from gplfd_env.robot.placement import base_for
+from gplfd_env.robot.robots import robot_named
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.official import OFFICIAL, SEED, official_set
+from gplfd_experiments.data.official import KINDS, OFFICIAL, SEED, official_set
 from gplfd_experiments.data.preparation import ImportSettings, prepare
 from gplfd_experiments.data.preparation.samples import Notes, usable
 from gplfd_experiments.data.readers import read_here
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.studies.trials.protocol import FIRST_SEED, SEEDS
+from gplfd_experiments.studies.trials import protocol
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import hash_of, save_demonstrations
 
@@ -222,23 +225,27 @@ def test_what_cannot_be_exported_is_said(episodes, arguments, message, caplog):
     assert not Path("b").exists()
 
 
-@pytest.mark.parametrize("action", SIZES)
-def test_replayed_actions_lead_to_the_same_states_again(action, monkeypatch):
-    monkeypatch.setitem(OFFICIAL, "learner-2", 2)
-    export = ["demos", "export", "learner-2", "--out", "b", "--action", action]
+@pytest.mark.parametrize(
+    ("action", "track"),
+    [("pose", "learner"), ("relative", "pipeline"), ("stiffness", "corrections")],
+)
+def test_replayed_actions_lead_to_the_same_states_again(action, track, monkeypatch):
+    monkeypatch.setitem(OFFICIAL, "two", (track, 2))
+    export = ["demos", "export", "two", "--out", "b", "--action", action]
     assert cli.main(export) == 0
     info = json.loads(Path("b/meta/info.json").read_text())
     assert (info["fps"], info["total_episodes"]) == (20, 2)
     assert info["features"]["action"]["shape"] == [SIZES[action]]
     assert len(info["features"]["action"]["names"]) == SIZES[action]
     rows = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet").to_pylist()
-    official = official_set("learner-2")
-    for number, radius in enumerate(official.radii):
-        condition = Condition(name="", door="", arguments={"door": radius})
+    official = official_set("two")
+    for number, (motion, opened) in enumerate(official):
+        about = {"door": opened, "base": base_for(opened, robot_named("tiago-like"))}
+        condition = Condition(name="", door="", arguments=about)
         door = WaypointDoor(condition, info["fps"], action)
         seen, _ = door.reset(seed=5)  # Nothing is drawn.
-        ended = False
-        for row in (row for row in rows if row["episode_index"] == number):
+        ended, its_rows = False, [r for r in rows if r["episode_index"] == number]
+        for row in its_rows:
             assert not ended
             assert row["observation.state"] == seen["agent_pos"].tolist()
             wrench = row["observation.environment_state"]
@@ -247,18 +254,14 @@ def test_replayed_actions_lead_to_the_same_states_again(action, monkeypatch):
         assert ended
         assert about["is_success"]
         # A quarter of the way to where the demonstrator is at the end of the action.
-        motion, k = official.demonstrations[number], 60
-        row = next(
-            r for r in rows if (r["episode_index"], r["frame_index"]) == (number, k)
-        )
         if action == "pose":
-            hand, goal = row["observation.state"][0], row["action"][0]
-            demonstrated = np.interp((k + 1) / 20, motion.times, motion.poses[:, 0])
+            hand, goal = its_rows[60]["observation.state"][0], its_rows[60]["action"][0]
+            demonstrated = np.interp(61 / 20, motion.times, motion.poses[:, 0])
             assert_allclose(goal, hand + (demonstrated - hand) / 4, atol=1e-6)
     head, text = Path("b/README.md").read_text().split("---\n")[1:]
     assert yaml.safe_load(head)["configs"][0]["data_files"] == "data/*/*.parquet"
     assert f"--env.fps=20 --env.action={action} " in text
-    assert hash_of(official_set("learner-2").demonstrations) in text
+    assert hash_of([motion for motion, _ in official]) in text
 
 
 def test_what_does_not_open_a_door_is_left_out(shown, caplog):
@@ -275,14 +278,25 @@ def test_what_does_not_open_a_door_is_left_out(shown, caplog):
 
 
 def test_official_sets_are_those_of_the_page():
-    page = Path(__file__).parents[2] / "docs" / "your-policy.md"
-    sets = {name: official_set(name) for name in OFFICIAL}
-    for name, labelled in sets.items():
-        number, identity = len(labelled.radii), hash_of(labelled.demonstrations)
-        assert f"| `{name}` | {number} | `{identity}` |" in page.read_text()
-    poses = {n: [m.poses for m in s.demonstrations] for n, s in sets.items()}
-    for smaller, larger in (("learner-6", "learner-50"), ("learner-50", "learner-200")):
-        assert sets[larger].radii[: OFFICIAL[smaller]] == sets[smaller].radii
-        for one, same in zip(poses[smaller], poses[larger], strict=False):
-            assert_array_equal(one, same)
-    assert SEED not in range(FIRST_SEED, FIRST_SEED + SEEDS)
+    page = (Path(__file__).parents[2] / "docs" / "your-policy.md").read_text()
+    assert all(f"| `{name}` |" in page for name in OFFICIAL)
+    # The largest take seconds, and draw as the others do.
+    names = [name for name in OFFICIAL if name == "learner-200" or name[-3:] != "200"]
+    sets = {name: official_set(name) for name in names}
+    for name, pairs in sets.items():
+        identity = hash_of([motion for motion, _ in pairs])
+        assert f"| `{name}` | {len(pairs)} | `{identity}` |" in page
+        smaller = sets[f"{OFFICIAL[name][0]}-6"]
+        for (motion, door), (same, opened) in zip(smaller, pairs[:6], strict=True):
+            assert door == opened
+            assert_array_equal(motion.poses, same.poses)
+    bar = DoorConfig().kind
+    for track in KINDS.keys() - {"learner"}:
+        trials = protocol.named_trials(protocol.TRACKS[track].trials)
+        shown = [
+            (task.demonstrated_kind or bar) | {n: of[n] for n in of.keys() & bar.keys()}
+            for task in protocol.trial_tasks(trials, only=("mean",), seeds=1)
+            for of in task.demonstrated_hardware or ({},)
+        ]
+        assert {str(door.kind) for door in KINDS[track]} == {*map(str, shown)}
+    assert SEED not in range(protocol.FIRST_SEED, protocol.FIRST_SEED + protocol.SEEDS)

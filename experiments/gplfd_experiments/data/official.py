@@ -1,26 +1,48 @@
-"""Official training sets of the track *learner*, for policies that learn elsewhere."""
+"""Official training sets of the tracks, for policies that learn elsewhere."""
 
-import math
+from dataclasses import replace
 from typing import Final
 
-from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
-from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+import numpy as np
 
-OFFICIAL: Final = {f"learner-{number}": number for number in (6, 50, 200)}
-"""Number of demonstrations of every set, by its name."""
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_experiments.data.teacher import Teacher, doors_like
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+_BAR, _LEVER = DoorConfig(), DOORS["room-834"]
+_FOLDING, _FLAP = DOORS["bifold-closet"], DOORS["overhead-flap"]
+KINDS: Final = {
+    "learner": (_BAR,),
+    "pipeline": (
+        *(_BAR, _LEVER, _FOLDING, _FLAP),
+        *map(DOORS.__getitem__, ("pocket-door", "plug-door", "kitchen-cupboard")),
+        *(replace(_LEVER, swing="push"), replace(_LEVER, handle="knob")),
+        *(replace(_BAR, swing="push"), replace(_BAR, hinge_side="left")),
+    ),
+    "forces": (_BAR, _LEVER),
+    "realistic": (_BAR, _LEVER, _FOLDING),
+    "corrections": (_FLAP,),
+}
+"""A door of every kind in the sets of a track: those that its trials demonstrate, but
+in *learner*, whose first networks learned from bars alone, only bars."""
+OFFICIAL: Final = {f"{of}-{n}": (of, n) for of in KINDS for n in (6, 50, 200)}
+"""Track and number of demonstrations of every set, by its name."""
 SEED: Final = 1000  # Of all sets; no trial has it.
 
 
-def official_set(name: str) -> LabelledDemonstrations:
-    """Return a set: the standard teacher at its three doors in turn.
+def official_set(name: str) -> list[tuple[Demonstration, DoorConfig]]:
+    """Return demonstrations and their doors: three sizes of each kind, in turn.
 
     A larger set begins with the demonstrations of the smaller ones.
     """
-    number, doors = OFFICIAL[name], len(DEMONSTRATED_RADII)
-    per_door = math.ceil(number / doors)
-    shown = Teacher().standard_demonstrations(per_door, seed=SEED)
-    turns = [divmod(k, doors) for k in range(number)]
-    return LabelledDemonstrations(
-        demonstrations=tuple(shown[door * per_door + k] for k, door in turns),
-        radii=tuple(DEMONSTRATED_RADII[door] for _, door in turns),
-    )
+    track, number = OFFICIAL[name]
+    doors = [
+        # A flap of another mass than its struts lift does not open.
+        replace(like, panel_mass=kind.panel_mass, mechanism=kind.mechanism)
+        for size in zip(*map(doors_like, KINDS[track]), strict=True)
+        for kind, like in zip(KINDS[track], size, strict=True)
+    ]
+    per_door, rng = -(-number // len(doors)), np.random.default_rng(SEED)
+    shown = Teacher().demonstrate_doors(doors, per_door, rng=rng)
+    turns = (divmod(k, len(doors)) for k in range(number))
+    return [(shown[door * per_door + turn], doors[door]) for turn, door in turns]

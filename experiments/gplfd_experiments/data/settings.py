@@ -124,8 +124,7 @@ class ImportSettings:
     to ignore, or NAME=HEAD for some of a header or of arrays; known names are t, x, y,
     z, qw, qx, qy, qz, rx, ry, rz, roll, pitch, yaw, r00, ..., fx, ..., gripper."""
     units: Literal["m", "cm", "mm", "in"] | None = None
-    """Unit of positions; overrides the unit in the file. Default: that unit, or
-    metres."""
+    """Unit of positions; default: the unit in the file, or metres."""
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     """Unit of times in tables and arrays; overrides the unit in the file. Default: that
     unit, or seconds."""
@@ -149,8 +148,7 @@ class ImportSettings:
     """Recorded forces are those of the environment on the hand, or of the hand on the
     object. Data sets of gplfd contain this and all following force options."""
     force_axes: Literal["hand", "recorded"] = "hand"
-    """Axes of forces: those of the sensor, which moves with the hand, or of the
-    poses."""
+    """Axes of forces: of the sensor, which moves with the hand, or of the poses."""
     force_sensor: _Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
     [m]. Moments are about its origin."""
@@ -164,9 +162,8 @@ class ImportSettings:
     gravity: _Vector = (0.0, 0.0, -1.0)
     """Direction of gravity in the frame of the recorded poses."""
     frame: Annotated[str | PoseNumbers, of_text("FRAME", numbers(POSE))] = "first-pose"
-    """Frame of the resulting poses: first-pose (the first pose of each motion),
-    recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
-    [m]."""
+    """Frame of the resulting poses: first-pose (of each motion), recorded, hinge (of a
+    door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz [m]."""
     offset: Annotated[PoseNumbers | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
     segment: Annotated[Segments, of_text("HOW", _segments)] = "none"

@@ -4,8 +4,7 @@ The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot L
 from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness that of Balasubramanian
 et al., *On the analysis of movement smoothness*, Journal of NeuroEngineering and
 Rehabilitation 12:112, 2015. Forces on people are compared with ISO/TS 15066, which
-limits the quasi-static force of more than half a second and, at twice that value, the
-transient force.
+limits the force of more than half a second and, at twice that value, a shorter one.
 """
 
 import math
@@ -65,8 +64,7 @@ def forecast_errors(
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
 
-    The path is turned about the vertical and shifted to the logged handle: the robot
-    may be misplaced.
+    The path is turned and shifted to the logged handle: the robot may be misplaced.
     """
     door, path = DoorGeometry.of(log.config), log.opening.handle_pose
     true = door.hand_poses(log.opening.door_angle, log.opening.handle_angle)
@@ -289,8 +287,7 @@ def work_on_door(log: EpisodeLog) -> float:
 def share_of_bound(log: EpisodeLog) -> FloatArray:
     """Rate of the stiffness over its stability bound, (T, 6); NaN without stiffness.
 
-    It is 1 if the bound is not positive: the frame rotated, and the stiffness must
-    decrease.
+    It is 1 if the bound is not positive, where the stiffness of a rotated frame falls.
     """
     bound = log.decisions.stability_margin + log.decisions.stiffness_rate
     share: FloatArray = np.ones_like(bound)

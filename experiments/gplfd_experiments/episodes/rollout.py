@@ -1,7 +1,6 @@
 """Let agents act until their episodes end, and log all quantities.
 
-`rollout` runs one agent, `rollouts` many in lockstep; both give the same logs, bit for
-bit.
+`rollout` runs one agent, `rollouts` many in lockstep, with the same logs bit for bit.
 """
 
 import math
@@ -94,8 +93,7 @@ def rollouts(
     The N simulations have ``autoreset_mode="Disabled"``. Without a period [s] there are
     no forecasts; with angles of the doors (N, P) [rad], only the first ones after
     they have been reached. `before_step` is called before the first reset and every
-    decision. ``latency_s`` and ``latency_wall_s`` are each agent's share of the batch's
-    decision.
+    decision. ``latency_s`` and ``latency_wall_s`` are shares of the batch's decision.
 
     Raises:
         ValueError: The simulations reset automatically.

@@ -167,8 +167,7 @@ class EpisodeTask(TaughtTask):
     def reset_seed(self) -> int:
         """Seed of the environment's reset.
 
-        With random draws, each door of a seed has its own draws, equal for all
-        policies.
+        If anything is drawn, each door of a seed draws anew, equally for all policies.
         """
         if self.randomization == self.disturbance == "none":
             return self.seed

@@ -87,8 +87,7 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in their given order.
 
     A job has all episodes after some sets of demonstrations, by the policies that
-    differ in their pipeline only. Those of a policy act in lockstep, about `TOGETHER`
-    at once.
+    differ in their pipeline only; about `TOGETHER` of a policy act in lockstep.
     """
     groups: dict[str, dict[str, dict[str, Task]]] = {}
     for task in study:
@@ -116,8 +115,7 @@ _NOISY: Final = (
     *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
     *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
 )
-"""Fields of `gplfd_experiments.data.teacher.TeacherConfig` that the noise level
-multiplies."""
+"""Fields of `data.teacher.TeacherConfig` that the noise level multiplies."""
 
 
 def checked(settings: StudySettings) -> StudySettings:
@@ -152,8 +150,7 @@ def checked(settings: StudySettings) -> StudySettings:
 def tasks(settings: StudySettings) -> tuple[Task, ...]:
     """Return all tasks of a study; the seed varies slowest, so any part is comparable.
 
-    Learning tests use demonstrations of furniture doors; a study without such a door
-    has no learning tests.
+    Learning tests are of furniture doors; a study without such a door has none.
     """
     doors = named_doors(
         settings.doors, start=settings.start, robot=settings.robot

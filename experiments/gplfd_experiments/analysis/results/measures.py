@@ -52,8 +52,7 @@ class Measure:
     root: bool = False
     """Whether it is the root of the metric, before it is multiplied by the scale."""
     if_opened: bool = False
-    """Whether it is defined for opened doors only; without a grasp there is no
-    force."""
+    """Whether it is defined for opened doors only: a lost handle has no force."""
     share: bool = False
     better: Literal["less", "more"] = "less"
 
@@ -297,8 +296,7 @@ def write_tables(
 ) -> tuple[list[str | Table], list[dict[str, Any]]]:
     """Write DIR/table.md, a table per condition of a study.
 
-    Returns its texts and tables, and the `study_rows` of all conditions, each with its
-    ``condition``.
+    Returns its texts and tables, and the `study_rows` of all, with their ``condition``.
     """
     parts: list[str | Table] = []
     rows: list[dict[str, Any]] = []

@@ -39,8 +39,7 @@ class Export(OperatorLimits):
 
     frame: Annotated[tuple[float, ...] | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the task frame in the frame of the robot's base, x,y,z,qw,qx,qy,qz [m];
-    with = if x is negative: --frame=-0.5,... Without this option, all poses are in the
-    task frame."""
+    with = if x is negative: --frame=-0.5,... Default: poses in the task frame."""
 
     tool: Annotated[
         tuple[float, ...] | None, of_text("QUATERNION", numbers("qw,qx,qy,qz"))
@@ -57,8 +56,7 @@ class Export(OperatorLimits):
     .urdf, or a .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
-    """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
-    file."""
+    """With --robot: a door's name (see `gplfd list`), radius [m], or .json file."""
 
     allow: bool = False
     """Write the files although limits are exceeded."""
@@ -105,8 +103,7 @@ class Serve(ServeSettings):
     """Serve an agent to a robot: observations in, commands out, line by line.
 
     The protocol, its states and its limits are in docs/robot.md. The process never
-    loads MuJoCo. By default, a policy learns from the synthetic human's demonstrations
-    of doors with a bar.
+    loads MuJoCo. By default, a policy learns from synthetic demonstrations of bars.
     """
 
     source: tyro.conf.Positional[str] = dataclasses.field(

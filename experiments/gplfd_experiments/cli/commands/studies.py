@@ -84,8 +84,7 @@ class Trials:
     """
 
     trials: tuple[str, ...] = ()
-    """Trials to run, such as radius or heavy (docs/tasks.md); by default all of the
-    part."""
+    """Trials to run, such as radius or heavy (docs/tasks.md); default: the part's."""
 
     policies: tuple[str, ...] = ()
     """Additional policies: names from `gplfd list`, module:function, or
@@ -137,8 +136,7 @@ class SkillTests:
     """Compare methods on recordings: predict each from the others, without a robot.
 
     Writes DIR/report.html and report.md (errors, coverage of the stated uncertainty,
-    forecasts after a part was observed) and DIR/tasks/, one result per method and
-    recording; resumable.
+    forecasts after a part was observed) and a result per method and file; resumable.
     """
 
     recordings: Annotated[

@@ -102,9 +102,8 @@ class Teacher:
         """Open one door and return the recording of the suit.
 
         The door may be the radius of one with a bar [m]. The poses [m, rad] are in the
-        task frame and relative to the first sample, rotations in door axes. A child
-        generator is spawned per effect, so that the draws of an effect do not depend on
-        the others.
+        task frame and relative to the first sample, rotations in door axes. No effect's
+        draws depend on those of another.
 
         Raises:
             ValueError: No door has such a radius.

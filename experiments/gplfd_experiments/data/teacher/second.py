@@ -46,8 +46,7 @@ def demonstrate(
 ) -> Demonstration:
     """Open a door to about an angle [rad] and return the recording.
 
-    The poses [m, rad] are in the task frame and relative to the first sample, rotations
-    in door axes.
+    The poses [m, rad] are relative to the first sample, in the axes of the door.
     """
     final = angle + np.radians(rng.uniform(-3.0, 3.0))
     if door.motion != "hinged":  # It stops at its frame.

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import TASK, ActionForm
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.envs.camera import Camera
 from gplfd_env.envs.waypoints import (
     Condition,
@@ -25,6 +25,8 @@ from gplfd_env.envs.waypoints import (
     state_of,
 )
 from gplfd_env.robot.model import SERVO_STIFFNESS
+from gplfd_env.robot.placement import base_for
+from gplfd_env.robot.robots import robot_named
 from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.data.official import OFFICIAL, official_set
 from gplfd_experiments.data.readers.arrays import (
@@ -40,6 +42,7 @@ from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, versions
 from gplfd_policies.demonstrations import npz
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
     import pyarrow
@@ -50,6 +53,8 @@ _Columns = dict[str, Any]
 States and actions are positions [m] and quaternions; an action is reached at the next
 sample. Wrenches are of the environment on the hand [N, N m], in the frame of the states
 and about the position of the hand."""
+_Shown = Sequence[tuple[Demonstration, DoorConfig | float | None]]
+"""Demonstrations, and the door or radius [m] of each, if it is known."""
 _ACTION: Final = "action"
 _PICTURES: Final = "observation.images."
 _POSE: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
@@ -131,7 +136,7 @@ def export_demonstrations(
 
     The source is a file or folder of demonstrations, a folder of episodes, or the name
     of an official set. Demonstrations of an official set, or with doors, are replayed:
-    in turn at these, or, if there are none, at doors of their radii.
+    in turn at these, or, if there are none, at their own or at bars of their radii.
 
     Raises:
         ValueError: The target exists, or the source cannot be exported.
@@ -148,11 +153,19 @@ def export_demonstrations(
     rate = _RATE if form.rate is None else form.rate
     episodes: Iterable[_Columns]
     if official or replay is not None:
-        load = official_set if official else npz.load_demonstrations
-        labelled = load(str(source))
-        identity = npz.hash_of(labelled.demonstrations)
+        if official:
+            shown: _Shown = official_set(str(source))
+        else:
+            labelled = npz.load_demonstrations(source)
+            if labelled.frame != npz.FRAME:
+                raise ValueError(
+                    f"these motions open no door, their frame is {labelled.frame!r}; "
+                    "import the recordings with gplfd demos import FILES --frame hinge"
+                )
+            shown = list(zip(labelled.demonstrations, labelled.radii, strict=True))
+        identity = npz.hash_of([motion for motion, _ in shown])
         about = f"Replays of the demonstrations {identity} ({source.name})."
-        episodes = _replayed(labelled, replay, rate, form)
+        episodes = _replayed(shown, replay, rate, form)
     elif (source / "data/metadata.json").is_file():
         about = f"Episodes of `gplfd demos record` ({source.name})."
         episodes = _recorded(source, rate, form)
@@ -173,28 +186,20 @@ def export_demonstrations(
 
 
 def _replayed(
-    labelled: npz.LabelledDemonstrations,
-    doors: Sequence[DoorConfig] | None,
-    rate: int,
-    form: Form,
+    shown: _Shown, doors: Sequence[DoorConfig] | None, rate: int, form: Form
 ) -> Iterator[_Columns]:
     """Yield the columns of demonstrations that open their doors.
 
     The hand follows the demonstration like a spring, until the episode ends.
     """
-    if labelled.frame != npz.FRAME:
-        raise ValueError(
-            f"these motions open no door, their frame is {labelled.frame!r}; import "
-            "the recordings with gplfd demos import FILES --frame hinge"
-        )
     stiffness = np.repeat(SERVO_STIFFNESS, 3) * _FOLLOWED
-    pairs = list(zip(labelled.demonstrations, labelled.radii, strict=True))
-    progress = progress_bar(pairs, desc="replaying", unit="episode")
-    for number, (motion, radius) in enumerate(progress):
-        door = doors[number % len(doors)].as_dict() if doors else radius
-        if door is None:
+    progress = progress_bar(shown, desc="replaying", unit="episode")
+    for number, (motion, opened) in enumerate(progress):
+        if not doors and opened is None:
             raise ValueError("the doors of these motions are unknown: --replay DOOR")
-        condition = Condition(name="", door="", arguments={"door": door})
+        door = doors[number % len(doors)] if doors else door_config(opened)
+        about = {"door": door, "base": base_for(door, robot_named("tiago-like"))}
+        condition = Condition(name="", door="", arguments=about)
         env = WaypointDoor(condition, rate, form.action, form.cameras, form.size)
         rows, ended = list[_Columns](), False
         with contextlib.closing(env):

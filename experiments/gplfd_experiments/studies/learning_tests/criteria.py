@@ -1,8 +1,7 @@
 """Criteria for the marks of Table 1: limits of numbers, and a sentence, per row.
 
 The rows and marks are those of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979; the criteria, in ``criteria.toml``, are for this
-project's methods.
+from Demonstration*, arXiv:2002.09979; the criteria in ``criteria.toml`` are our own.
 """
 
 import math

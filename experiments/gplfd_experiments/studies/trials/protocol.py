@@ -123,8 +123,7 @@ class PartPlan:
     everywhere: Sequence[str] = ()
     """Without any, those of its tracks."""
     variants: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Variants of `gp` that lack an idea, by trial; other trials have all of their
-    variants."""
+    """Variants of `gp` that lack an idea, by trial; other trials have all of theirs."""
 
 
 def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
@@ -213,8 +212,7 @@ def trial_tasks(
 
     ``only`` replaces the policies, without levels in which one of them cannot take
     part; their sources are then left out. ``seeds`` replaces the number of seeds of the
-    part. Another `robot` opens the same doors, and another synthetic human demonstrates
-    the same openings.
+    part. Another `robot`, or another synthetic human, opens the same doors.
     """
     plan = PARTS[part]
     doors = {
