@@ -26,8 +26,7 @@ LOOK_AHEAD: Final = 0.05
 class GriddedMovement:
     """A movement under one form of adaptation, on a uniform grid of phases.
 
-    Between grid points mean and σ are interpolated linearly. The form None does not
-    adapt.
+    Between grid points mean and σ are linear. The form None does not adapt.
     """
 
     def __init__(

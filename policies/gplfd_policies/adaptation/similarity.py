@@ -52,8 +52,7 @@ class SimilarityAdaptation:
         self._handle, self._grid = turned_handle(aligned), grid
         self._apart = np.zeros((len(grid), 2))
         if self._handle is not None:
-            # The motion of the hand about the handle's axis does not scale with the
-            # size.
+            # The hand's motion about the handle's axis does not scale with the size.
             aligned = self._handle.seen(aligned)
             axes = self._handle.axis_positions(predicted.mean)
             self._apart = (predicted.mean - axes)[:, _LEVEL]

@@ -21,8 +21,7 @@ _MOST_SAMPLES: Final = 60_000
 class CommandedPath:
     """Commands at M equal time steps, the first at 0; immutable.
 
-    Stiffness and damping are along the axes of the frame of the poses, by default the
-    task frame.
+    Stiffness and damping are along the axes of the poses, by default of the task frame.
     """
 
     times: Float[np.ndarray, " M"]

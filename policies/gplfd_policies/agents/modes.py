@@ -118,8 +118,7 @@ class ModesAgent:
         self._loads, self._errors = np.zeros((2, count))
         self._recent = [np.zeros(count)]
         self._log_weights = self._prior
-        # Poses of the hand's path, the next pose on the way back, and time at the start
-        # [s].
+        # Poses of the hand's path, the next one on the way back, time at the start [s].
         self._trail, self._target, self._rested = [pose], pose, 0.0
         self._offset = np.zeros(6)  # of the set-point from the mode's command
 

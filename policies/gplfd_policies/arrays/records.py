@@ -20,8 +20,7 @@ def own_arrays(record: object, *names: str) -> None:
     """Replace arrays of a frozen dataclass by float64 copies of its own; None stays.
 
     They are in C order, so that stored files are equal. They can be written, because
-    SciPy refuses read-only arrays and PyTorch warns of them; copy before you change
-    one.
+    SciPy refuses read-only arrays, of which PyTorch warns; copy before you change one.
     """
     for name in names:
         if (array := getattr(record, name)) is not None:

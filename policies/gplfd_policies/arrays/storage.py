@@ -72,8 +72,7 @@ def read_archive(
 ) -> RecordT:
     """Build a record from the arrays of a file in the format of `write_archive`.
 
-    Nothing in it is executed. Every error of ``build`` is reported as an error of the
-    file.
+    Nothing in it is executed. Every error of ``build`` is reported as one of the file.
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     try:

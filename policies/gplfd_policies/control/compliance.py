@@ -81,8 +81,7 @@ class ComplianceConfig:
     turned earlier than the handle, it would only twist on the bar."""
     phase_drop: float = quantity(0.1, above=0.0)
     """If the observed phase falls by more than this below the last via-point, that
-    phase counts as wrong. Tuned: ten times `via_spacing`, more than a door swings
-    back."""
+    phase counts as wrong. Tuned: ten times `via_spacing`, as doors swing back."""
 
     def __post_init__(self) -> None:
         check_quantities(self)

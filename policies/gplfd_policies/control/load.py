@@ -3,8 +3,7 @@
 In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
 set-point. A force *across* the path shows that the path is wrong, and the hand should
 yield. A force *along* the path may be the door's weight, under which a yielding hand
-stalls, or a person. The past distinguishes them: the door was equally heavy a
-centimetre ago.
+stalls, or a person. The past tells: the door was equally heavy a centimetre ago.
 """
 
 import math

@@ -53,8 +53,7 @@ class AgentStep:
     """Command of an agent in one control step, with the quantities that explain it.
 
     Read-only. The steps of N agents are one record whose arrays have a leading axis N.
-    All fields except `action` are optional; quantities that an agent does not have are
-    NaN.
+    All fields except `action` are optional; a quantity that an agent lacks is NaN.
     """
 
     action: Axes

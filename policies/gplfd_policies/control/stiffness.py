@@ -211,8 +211,7 @@ class StiffnessProfile:
     def printed_rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
-        It is wrong and only for comparison with `rate`; it divides by zero if
-        k_max = k_min.
+        It is wrong, for comparison with `rate`; it divides by zero if k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(

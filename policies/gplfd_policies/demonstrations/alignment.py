@@ -95,8 +95,7 @@ def align(
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with most samples, matches averaged per sample.
     * ``"dtw-euclidean"`` warps on the distance of poses, Eq. (17). It mistakes
-      intermediate points of a long path for the end of a short one (Fig. 3b), and is
-      only for comparison.
+      intermediate points of a long path for the end of a short one (Fig. 3b).
 
     Args:
         demonstrations: At least one; lengths, sample rates and durations may differ.
@@ -110,8 +109,7 @@ def align(
         TypeError: If the demonstrations are not a sequence of demonstrations.
         ValueError: If another argument is not as described.
 
-    Warns: UserWarning: If sensor noise makes a path more than 1.1 times longer, or if
-    rests were left out.
+    Warns: UserWarning: If noise makes a path more than 1.1 times longer, or it rested.
     """
     methods = get_args(AlignmentMethod)
     if method not in methods:

@@ -357,8 +357,7 @@ class SizePosterior:
     ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
         """Return the expected paths of the likely sizes at increasing phases.
 
-        They are means, complex x - iz [m], and variances of rotation about the start
-        [rad²].
+        Means are complex, x - iz [m]; variances are of rotation about the start [rad²].
         """
         model, covariance = self.model, self.covariance
         turn, f, slope = self.mean

@@ -1,8 +1,7 @@
 """Geometry of a handle that is turned before its door opens.
 
 While a lever is turned, the hand moves on an arc about its axis, which carries no
-information about the door. A point on the axis rests meanwhile. All poses are in the
-task frame.
+information about the door. A point on the axis rests. Poses are in the task frame.
 """
 
 from __future__ import annotations

@@ -50,8 +50,7 @@ def factorise(matrix: Gram) -> CholeskyFactor:
     """Cholesky factor of a covariance, with the least jitter that works.
 
     Jitter changes the model: 1e-4 of the signal variance moves the posterior standard
-    deviation of a smooth output by a quarter. So none is added while the plain
-    factorisation works.
+    deviation of a smooth output by a quarter. So none is added if none is needed.
     """
     if not np.isfinite(matrix).all():
         raise ValueError("A covariance must be finite; found NaN or infinity in it.")

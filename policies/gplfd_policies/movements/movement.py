@@ -1,7 +1,6 @@
 """The interface of learned movements: distributions over poses at any phase.
 
-Movements are `gplfd_policies.movements.skill.Skill` and the baselines; most of them
-adapt to via-points.
+Movements are `gplfd_policies.movements.skill.Skill` and the baselines; most adapt.
 """
 
 import csv
@@ -89,8 +88,7 @@ class GaussianTrajectory:
     ) -> "GaussianTrajectory":
         """Return a distribution whose rates are central differences of its moments.
 
-        The times increase; std is NaN for a method without it. A single time has rate
-        zero.
+        Times increase; std is NaN for a method without it. A single time has rate zero.
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(
@@ -319,9 +317,8 @@ class LearnedMovement:
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""
     forces: Movement | None = None
-    """Movement learned from the demonstrated forces, over the same phases; None
-    without. Its outputs are force and moment of the hand on what it holds, in the axes
-    of the hand [N, N m]."""
+    """Movement learned from the demonstrated forces, over the same phases, if any. Its
+    outputs are force and moment of the hand on what it holds, in its axes [N, N m]."""
 
     @property
     def duration(self) -> float:

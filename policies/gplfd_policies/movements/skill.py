@@ -140,8 +140,7 @@ class Skill(LearnedMovement):
         plus the variance of its size, (γ (m(t) - m(0)))². The variance of the mean is
         at least ρ r/D, because the demonstrations are smooth
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``). Outside
-        the demonstrated range the mean returns to the prior mean, see `fit_skill`, and
-        the uncertainty grows.
+        the demonstrated range the mean returns to the prior mean, and σ grows.
         """
         times = checked_times(times)
         moments = self.processes.moments(times)

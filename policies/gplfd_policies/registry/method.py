@@ -112,8 +112,7 @@ def profile_of_spread(
 class Learner:
     """A learning method: how a movement is learned, and how it adapts by itself.
 
-    It can be pickled if its functions can be: make variants with `dataclasses.replace`
-    and `functools.partial`.
+    It can be pickled if its functions can be; variants: `dataclasses.replace`.
     """
 
     fit: Callable[..., Predictor]
@@ -282,8 +281,7 @@ class Method:
         """Return the method without measurements, whose commands a file can contain.
 
         It has no adaptation and no load compensation, and is driven by time, one
-        command per period [s]. The arm itself renders the stiffness, along the axes of
-        the task frame.
+        command per period [s]. The arm itself renders the stiffness, along task axes.
         """
         if self.pipeline.phase_stiffness is not None:
             raise ValueError(

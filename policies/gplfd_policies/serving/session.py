@@ -1,7 +1,6 @@
 """State of a served agent: checks of messages, watchdog, limits and commands.
 
-There is no input or output here, and time is an argument. docs/robot.md defines the
-states.
+There is no input or output; time is an argument. docs/robot.md defines the states.
 """
 
 import math

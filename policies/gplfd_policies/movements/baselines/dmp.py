@@ -61,8 +61,7 @@ class DMPConfig(Quantities):
 class DynamicMovementPrimitive(LearnedMovement):
     """A point attractor shaped by a learned forcing term; made by `fit_dmp`, immutable.
 
-    Standard deviations and covariances are NaN unless `DMPConfig.spread`. It has no
-    via-points.
+    Its spread is NaN unless `DMPConfig.spread`. It has no via-points.
     """
 
     config: DMPConfig
@@ -139,8 +138,7 @@ def fit_dmp(
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
     The forcing term that reproduces it exactly follows from its derivatives and the
-    transformation system; the weights fit this term by least squares. Start and end are
-    assumed to be at rest.
+    transformation system; the weights fit it by least squares. Both ends are at rest.
     """
     phases, mean = aligned.times, aligned.poses.mean(axis=0)
     errors = compose_rotvecs(mean[-1, 3:], -mean[:, 3:])

@@ -207,8 +207,7 @@ class KernelizedMovementPrimitive(MomentMovement):
 
         A standard deviation σ enters as the covariance σ²/N, because every entry has
         the weight 1/N. An error that outputs share counts as independent errors. The
-        first via-points also demand ``rates`` [m, rad per unit phase]; NaN leaves one
-        free.
+        first via-points also demand ``rates`` [m, rad per unit phase], free if NaN.
         """
         scale, reference = self.standardisation.scale, self.reference
         for index, via_point in enumerate(via_points):

@@ -16,8 +16,7 @@ interval of the task. A **reconstruction** from descriptions by others. Assumpti
       1/v = Σ_k w_k/v_k,   μ = v Σ_k w_k μ_k/v_k.
 
 Without the exponents, the variance would be C times too small without data
-(``test_plain_product_is_over_confident``). Outputs are independent, and there are no
-via-points.
+(``test_plain_product_is_over_confident``). Outputs are independent; no via-points.
 """
 
 from dataclasses import dataclass
