@@ -1,6 +1,6 @@
 """Agents in lockstep decide bit for bit as they would alone."""
 
-import dataclasses
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -10,17 +10,19 @@ from numpy.testing import assert_array_equal
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
-from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent, policy_named
-from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies import POLICIES, AgentStep, TrainingInput, make_agent, policy_named
+from gplfd_policies.agents.agent import CompliantAgent, batch_agents
+from gplfd_policies.agents.modes import ModesAgent
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.registry.built_in import PARTS, PUBLISHED
 
 pytestmark = pytest.mark.slow
 
+PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
 RADII = (0.38, 0.50, 0.62)
 LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
-FIELDS = [field.name for field in dataclasses.fields(AgentStep)]
+FIELDS = [field.name for field in fields(AgentStep)]
 
 
 def way_to_follow(name, policy):
@@ -32,9 +34,8 @@ def way_to_follow(name, policy):
     fitted = name.partition("@")[0] in ("promp", "tp-gmm", "kmp", "gmm-gp", "prodmp")
     own = method.learner.adaptation or fitted
     form = pipeline.adapts and (pipeline.size_inference or own)
-    form = getattr(form, "func", form)
-    config = dataclasses.replace(pipeline.config, via_std=ComplianceConfig().via_std)
-    return form, pipeline.phases, repr(config)
+    config = replace(pipeline.config, via_std=ComplianceConfig().via_std)
+    return getattr(form, "func", form), pipeline.phases, repr(config)
 
 
 NAMES = [*POLICIES, *(f"gp@{part}" for part in PARTS)]
@@ -61,20 +62,21 @@ def agents_of(demonstrations, learned):
                 teacher.standard_demonstrations(1, seed=seed, like=LEVER)
                 for seed in (0, 1)
             ]
-        method = policy_named(name).method
+        method = policy_named(name.removesuffix(" of modes")).method
         if method is None:
             agents = [make_agent(name, lessons[0]) for _ in RADII]
+        elif name == "gp of modes":  # that pull, or push
+            pushes = [replace(one, poses=one.poses * PUSHED) for one in demonstrations]
+            both = TrainingInput(demonstrations=[*demonstrations, *pushes])
+            modes = method.learn_modes(both)
+            agents = [method.follow_modes(modes) for _ in RADII]
         else:
             movements = [learned(method, lessons[number]) for number in (1, 0, 1)]
             agents = [method.follow(movement) for movement in movements]
             # Each has the stiffness law of its own demonstrations; what these say of
             # stiffness by phase must be equal for those that act at once.
-            learned_stiffness = agents[0].config.phase_stiffness
-            for number, agent in enumerate(agents):
-                config = dataclasses.replace(
-                    agent.config, phase_stiffness=learned_stiffness
-                )
-                agents[number] = dataclasses.replace(agent, config=config)
+            alike = {"phase_stiffness": agents[0].config.phase_stiffness}
+            agents = [replace(a, config=replace(a.config, **alike)) for a in agents]
         for agent, radius in zip(agents, RADII, strict=True):
             agent.inform(DoorGeometry.of(DoorConfig(radius=radius)))
         return agents
@@ -100,7 +102,7 @@ class Doors:
         ]
         shape = (len(self.geometries), 6)
         wrenches = self.rng.normal(size=shape) * [9.0, 3.0, 3.0, 0.1, 0.1, 0.1]
-        wrenches[:, 0] -= 15.0 * (self.geometries[0].travel > 0.0)
+        wrenches[:, 0] -= 15.0 * (self.geometries is not BARS)
         return {
             "ee_pose": np.array(poses) + 1e-4 * self.rng.normal(size=shape),
             "wrench": wrenches,
@@ -115,19 +117,15 @@ def row_of(observations, row):
     return {name: rows[row] for name, rows in observations.items()}
 
 
-def steps_of(
-    batch, geometries=BARS, closing=None, active=lambda time: np.ones(3, bool)
-):
+def steps_of(batch, geometries, active, end):
     """Open doors with a batch; return observations, steps and who acted, by time."""
     doors, history = Doors(geometries), []
-    observations = doors.observe()
-    batch.reset(observations)
-    for time in range(32):
-        if time == closing:
+    for time in range(end):
+        if time == 20:
             doors.angles[1] = 0.0
         observations, acting = doors.observe(), active(time)
-        if time == closing:
-            batch.reset(observations, np.arange(3) == 1)
+        if time in (0, 20):
+            batch.reset(observations, np.arange(3) == 1 if time else None)
         steps = batch.act(observations, None if acting.all() else acting)
         history.append((observations, steps, acting))
         doors.angles += 0.009 * acting * (time > 20 or geometries is BARS)
@@ -135,7 +133,7 @@ def steps_of(
 
 
 @pytest.mark.bits
-@pytest.mark.parametrize("name", [*WAYS_TO_FOLLOW, "levers"])
+@pytest.mark.parametrize("name", [*WAYS_TO_FOLLOW, "levers", "gp of modes"])
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     """Row 0 ends early; 1 pauses and then begins anew; 2 starts late and goes on."""
@@ -144,14 +142,16 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         return np.array([time < 14, not 16 < time < 20, time > 0])
 
     batch = batch_agents(agents_of(name))
-    at_once = isinstance(agents_of(name)[0], CompliantAgent)
-    assert type(batch).__name__ == ("_VectorisedBatch" if at_once else "AgentBatch")
-    geometries = LEVERS if name == "levers" else BARS
-    history = steps_of(batch, geometries, closing=20, active=active)
+    kinds = {CompliantAgent: "_VectorisedBatch", ModesAgent: "ModesBatch"}
+    assert type(batch).__name__ == kinds.get(type(agents_of(name)[0]), "AgentBatch")
+    geometries = {"levers": LEVERS, "gp of modes": [*BARS]}.get(name, BARS)
+    history = steps_of(batch, geometries, active, 90 if name == "gp of modes" else 32)
     if name == "gp":
         laws = {agent.config.profile.beta.tobytes() for agent in agents_of(name)}
         assert len(laws) == 2
         assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 3
+    if name == "gp of modes":  # The last went back, and pushes.
+        assert history[-1][1].mode[2] == 1.0
     forecasts = [batch.forecast(row) for row in range(3)]
     for row, agent in enumerate(agents_of(name)):
         agent.reset(row_of(history[0][0], row))

@@ -101,8 +101,7 @@ class ConditionedProcess:
     With few demonstrations the scale of the process is uncertain. With ν degrees of
     freedom, n observations and their squared Mahalanobis distance δ² given the other
     outputs, the scale of a Student-t process grows to (ν + δ²)/(ν + n) per output. It
-    is at least one: via-points that match must not make the robot stiff. Intervals keep
-    ν degrees of freedom.
+    is at least one: via-points that match must not make the robot stiff.
     """
 
     _white_is_seen: ClassVar = True  # whether a via-point has this noise, too
@@ -248,9 +247,8 @@ class ProcessAdaptation(ConditionedProcess):
 
     A repetition deviates smoothly from the mean, like the demonstrations
     (`gplfd_policies.gp.deviations`), so that the observed radius of a door informs the
-    rest of the motion. Before any via-point it equals `Skill.predict`. A via-point
-    observes the path with its own noise, an error along the path and the white part of
-    the demonstrations' spread.
+    rest of the motion. Before any via-point it equals `Skill.predict`. A via-point has
+    its own noise, an error along the path and the white part of the spread.
     """
 
     def __init__(self, skill: Skill, grid: Times) -> None:

@@ -6,7 +6,7 @@ Demonstration*, arXiv:2002.09979, by `gplfd_policies.control.compliance`.
 
 import contextlib
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, Protocol, SupportsIndex, get_args, runtime_checkable
 
@@ -63,8 +63,7 @@ def as_agent(candidate: object) -> Agent:
         candidate: Object with ``act(observation)``, which returns the commanded pose
             (6,) [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)``
             and ``forecast()`` are called if they exist. With an attribute ``control =
-            "impedance"`` ``act`` returns pose and stiffness (12,) [m, rad, N/m, N
-            m/rad], or a step with both.
+            "impedance"`` ``act`` returns pose and stiffness (12,), or a step with both.
 
     Returns:
         An agent that checks the values that the object returns in each step.
@@ -310,11 +309,10 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 
     Returns:
         A batch that computes all rows together if they are `CompliantAgent`s with the
-        same configuration and kind of handle. Otherwise it calls one after the other.
+        same configuration and kind of handle, or modes of such; else one by one.
 
     Raises:
-        ValueError: If there is no agent, one is given twice, one cannot act, or only
-            some of them command stiffness.
+        ValueError: No agent, one twice, one that cannot act, or controls that differ.
     """
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
@@ -326,11 +324,11 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
             "agents of one batch act in one environment, but some command poses and "
             "others pose and stiffness (their attribute control); make a batch of each"
         )
-    alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
-    shared = [shared_in_batch(agent) for agent in alike]
-    if len(alike) == len(checked) and all(parts == shared[0] for parts in shared):
-        return _VectorisedBatch(alike)
-    return AgentBatch(checked)
+    first, *others = map(shared_in_batch, agents)
+    if first is None or any(parts != first for parts in others):
+        return AgentBatch(checked)
+    kind: Callable[..., AgentBatch] = getattr(agents[0], "batch", _VectorisedBatch)
+    return kind(agents)
 
 
 def shared_in_batch(agent: object) -> tuple[object, ...] | None:
@@ -339,7 +337,7 @@ def shared_in_batch(agent: object) -> tuple[object, ...] | None:
     None for an agent that is called alone.
     """
     if not isinstance(agent, CompliantAgent):
-        return None
+        return getattr(agent, "shared_in_batch", None)
 
     def values(record: Any) -> list[Any]:
         return [getattr(record, entry.name) for entry in fields(record)]

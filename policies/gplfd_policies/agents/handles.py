@@ -1,7 +1,6 @@
 """Movements and load of hands that open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` does not model a handle; these
-movements and this load do.
+The controller of `control.compliance` models no handle; movements and load here do.
 """
 
 from collections.abc import Sequence

@@ -5,9 +5,9 @@ force with the force that a door may need, moves back, and tries the next mode.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -15,7 +15,13 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
-from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.agents.agent import (
+    AgentBatch,
+    CompliantAgent,
+    batch_agents,
+    shared_in_batch,
+)
+from gplfd_policies.arrays.rows import Rows
 from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.movements.movement import GaussianTrajectory
@@ -81,6 +87,8 @@ class ModesAgent:
         config: When a mode is abandoned.
     """
 
+    batch: ClassVar[Callable[..., AgentBatch]]
+
     def __init__(
         self,
         agents: Sequence[CompliantAgent],
@@ -90,6 +98,7 @@ class ModesAgent:
         self.agents, self.config = tuple(agents), config
         self.control, self.dynamics = agents[0].control, agents[0].dynamics
         self._prior = np.log(np.divide(counts, sum(counts)))
+        self._decay = config.settling_time / (CONTROL_PERIOD + config.settling_time)
         paths = [agent.movement.trajectory() for agent in agents]
         self._means = np.stack([path.mean for path in paths])
         floor = np.repeat([config.position_std, config.rotation_std], 3)
@@ -99,20 +108,22 @@ class ModesAgent:
         chords /= np.sqrt((chords**2).sum(axis=2, keepdims=True)) + 1e-9
         last = np.repeat(chords[:, -1:], ahead, axis=1)
         self._directions = np.concatenate([chords, last], axis=1)
-        self._begin(np.zeros(6))
+        self.begin(np.zeros(6))
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed, grasped door with the most probable mode."""
-        self._begin(measured(observation)[0])
+        self.begin(measured(observation)[0])
         self.agents[0].reset(observation)
 
-    def _begin(self, pose: Pose) -> None:
+    def begin(self, pose: Pose) -> None:
+        """Forget the last door; the agent of the first mode is reset apart."""
         count, pose = len(self.agents), np.array(pose)
         self._last: AgentStep | None = None
-        self._mode, self._next = 0, 0  # They differ while the hand moves back.
+        self.mode, self._next = 0, 0  # They differ while the hand moves back.
+        self.begins = False
         # Per mode: pose at the last forward motion, F, D² and the latest forces.
         self._marks = np.tile(pose, (count, 1))
         self._loads, self._errors = np.zeros((2, count))
@@ -122,18 +133,35 @@ class ModesAgent:
         self._trail, self._target, self._rested = [pose], pose, 0.0
         self._offset = np.zeros(6)  # of the set-point from the mode's command
 
+    @property
+    def shared_in_batch(self) -> tuple[object, ...] | None:
+        """What agents of a `ModesBatch` share; None if the modes are not alike."""
+        first, *others = map(shared_in_batch, self.agents)
+        return (first,) if all(parts == first for parts in others) else None
+
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
+        back = self.back(observation)
+        if back is not None:
+            return back
+        if self.begins:
+            self.agents[self.mode].reset(observation)
+        return self.onward(self.agents[self.mode].act(observation))
+
+    def back(self, observation: Observation) -> AgentStep | None:
+        """Return the next step of the way back, or None if the agent of `mode` acts.
+
+        Then that agent is reset first if it `begins`, and its step goes to `onward`.
+        """
         seen, wrench = measured(observation)
         pose, last, config = np.array(seen), self._last, self.config
-        decay = config.settling_time / (CONTROL_PERIOD + config.settling_time)
-        self._offset = decay * self._offset
-        if self._next == self._mode:
+        self._offset = self._decay * self._offset
+        if self._next == self.mode:
             errors = ((pose - self._means) ** 2 / self._variances).sum(axis=2)
             modes, nearest = np.arange(len(errors)), errors.argmin(axis=1)
             directions = self._directions[modes, nearest]
             load = -(directions * (wrench / _ARM)).sum(axis=1)
-            load[self._mode] = math.sqrt(wrench[:3] @ wrench[:3])
+            load[self.mode] = math.sqrt(wrench[:3] @ wrench[:3])
             self._recent = [*self._recent[1 - _LASTING :], load]
             along = (directions * (_ARM * (pose - self._marks))).sum(axis=1)
             came = along >= config.step
@@ -150,11 +178,11 @@ class ModesAgent:
             misfits = (self._loads / scales) ** 2 + self._errors
             self._log_weights = self._prior - 0.5 * misfits
             best = int(np.argmax(self._log_weights))
-            lead = self._log_weights[best] - self._log_weights[self._mode]
+            lead = self._log_weights[best] - self._log_weights[self.mode]
             if last is not None and lead > math.log(config.odds):
                 self._next, self._target = best, pose
-                self._offset = decay * (last.action - pose)
-        if last is not None and self._next != self._mode:
+                self._offset = self._decay * (last.action - pose)
+        if last is not None and self._next != self.mode:
             self._rested = 0.0 if self._trail else self._rested + CONTROL_PERIOD
             if self._rested < _REST:
                 if self._trail:  # one step back through the poses of the hand's path
@@ -177,26 +205,67 @@ class ModesAgent:
                     via_point=False,
                 )
                 return self._decided(back)
-            self._mode, self._trail = self._next, [self._target]
-            self.agents[self._mode].reset(observation)
-            step = self.agents[self._mode].act(observation)
-            self._offset = decay * (last.action - step.action)
+            self.mode, self._trail, self.begins = self._next, [self._target], True
         else:
-            step = self.agents[self._mode].act(observation)
+            self.begins = False
             if _length(pose - self._trail[-1]) >= _STRIDE:
                 self._trail.append(pose)
+        return None
+
+    def onward(self, step: AgentStep) -> AgentStep:
+        """Return a step of the agent of `mode`, without a jump of the set-point."""
+        if self.begins and self._last is not None:
+            self._offset = self._decay * (self._last.action - step.action)
         return self._decided(replace(step, action=step.action + self._offset))
 
     def _decided(self, step: AgentStep) -> AgentStep:
         weights = np.exp(self._log_weights - self._log_weights.max())
-        probability = float(weights[self._mode] / weights.sum())
-        mode = float(self._mode)
+        probability = float(weights[self.mode] / weights.sum())
+        mode = float(self.mode)
         self._last = replace(step, mode=mode, mode_probability=probability)
         return self._last
 
     def forecast(self) -> GaussianTrajectory:
         """Return the current movement of the active mode over the whole task."""
-        return self.agents[self._mode].forecast()
+        return self.agents[self.mode].forecast()
+
+
+class ModesBatch(AgentBatch):
+    """Agents of several modes in lockstep, whose active modes are computed together."""
+
+    def __init__(self, agents: Sequence[ModesAgent]) -> None:
+        super().__init__(agents)
+        self._trying, self._counts = agents, [len(agent.agents) for agent in agents]
+        self._firsts = np.cumsum(self._counts) - self._counts
+        self._modes = batch_agents([mode for agent in agents for mode in agent.agents])
+
+    def _reset(self, observations: Observation, rows: Rows) -> None:
+        begun = np.zeros(sum(self._counts), dtype=bool)
+        begun[self._firsts[rows]] = True
+        for row in np.arange(len(self._trying))[rows].tolist():
+            self._trying[row].begin(observations["ee_pose"][row])
+        self._modes.reset(observations, begun)
+
+    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        steps: dict[int, Any] = {}
+        for row in np.arange(len(self._trying))[rows].tolist():
+            seen = {name: values[row] for name, values in observations.items()}
+            steps[row] = self._trying[row].back(seen)
+        acting = [row for row, back in steps.items() if back is None]
+        places = [self._firsts[row] + self._trying[row].mode for row in acting]
+        acts, begins = np.zeros((2, sum(self._counts)), dtype=bool)
+        acts[places], begins[places] = True, [self._trying[n].begins for n in acting]
+        each = {n: np.repeat(v, self._counts, axis=0) for n, v in observations.items()}
+        if begins.any():
+            self._modes.reset(each, begins)
+        if acting:
+            together = self._modes.act(each, acts)
+            for row, place in zip(acting, places, strict=True):
+                steps[row] = self._trying[row].onward(together.of(place))
+        return AgentStep.stacked([*steps.values()])
+
+
+ModesAgent.batch = ModesBatch
 
 
 def _length(way: Pose) -> float:

@@ -265,8 +265,7 @@ class ComplianceController:
     ) -> PerRow:
         """Condition due movements on the observed poses; return the command phases.
 
-        The set-point stays where it is, along the path by the command phase, and
-        otherwise by an offset that decays.
+        The set-point stays: along the path by its phase, else by a decaying offset.
         """
         movements, phase = self._movements, estimate.phase
         before = self._set_point(command_phase, phase, rows)

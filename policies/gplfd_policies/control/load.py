@@ -199,8 +199,7 @@ class LearnedLoad(Load):
     of stick-slip friction. A person who holds the hand stops it, which does not count.
     Over the same distance the share w of r̂ that was measured rises from 0 to 1: a
     weight that was learned stays compensated, however far the hand lags. From w = 1/2
-    on, r̂ falls over `memory` metres, because a leaf with momentum needs less force for
-    a while than its closer soon demands.
+    on, r̂ falls over `memory` metres: a leaf with momentum needs less for a while.
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`

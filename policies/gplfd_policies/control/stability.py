@@ -35,9 +35,8 @@ def rate_bound(
     `test_eq23_tight_bound_follows_from_condition_2` derives it [N/(m s), N m/(rad s)].
     It rises with k, so the value at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every
     k, Eq. (27). Where the least damping acts, which does not grow with k, the bound is
-    sufficient but not tight. ``printed`` gives Eq. (23) as printed, with 2δ instead of
-    δ, which is only sufficient; at k_min this is Eq. (27) as printed, with 1 + 4δ²
-    instead of 1 + 2δ².
+    sufficient but not tight. ``printed`` gives Eq. (23) as printed, with 2δ for δ, only
+    sufficient; at k_min this is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ².
     """
     gamma = decay_rate(k_min, dynamics)
     share = 2.0 if printed else 1.0
@@ -53,8 +52,7 @@ def uncertainty_fall_bound(
 
     16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m) [m/s, rad/s]: the bound at k_min
     divided by the largest slope of the profile, Eq. (26). Infinite for a constant
-    stiffness. ``printed`` gives the right side as printed, with 1 + 4δ² instead of
-    1 + 2δ².
+    stiffness. ``printed`` gives the right side as printed, with 1 + 4δ² for 1 + 2δ².
 
     Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
     uncertainty is always stable. In fact, rising uncertainty is always stable:
@@ -69,9 +67,8 @@ def uncertainty_fall_bound(
 class GovernedStiffness(NamedTuple):
     """Stiffness to render [N/m, N m/rad], its rate over the step, and the margin.
 
-    The margin is the tight pointwise bound minus the rate [N/(m s), N m/(rad s)];
-    positive. If the frame turned, the bound is the rate to the highest safe stiffness,
-    divided by `_USED_SHARE`.
+    The margin is the tight pointwise bound minus the rate [N/(m s), N m/(rad s)]; if
+    the frame turned, it is to the highest safe stiffness, divided by `_USED_SHARE`.
     """
 
     stiffness: Axes
@@ -129,8 +126,7 @@ class StiffnessGovernor:
         damping and k_min must be the same along x, y and z. With φ(K) = K + γD(K), F =
         φ(highest) in the old frame and any k ≥ k_min along the new frame, the condition
         requires φ(k) ≤ F. F - φ(k_min) has no negative eigenvalue. For such a matrix E,
-        the diagonal matrix of E_ii (1 - Σ_j |E_ij| / √(E_ii E_jj)) is a lower bound by
-        Gershgorin's theorem, and so is zero.
+        diag E_ii (1 - Σ_j |E_ij| / √(E_ii E_jj)) is a lower bound (Gershgorin), or 0.
         """
         wished = np.maximum(target, self._k_min)
         previous = self._stiffness[rows]

@@ -160,6 +160,10 @@ class AgentStep:
                 del fields[name]
         return cls(**{name: np.array(values) for name, values in fields.items()})
 
+    def of(self, row: int) -> AgentStep:
+        """Return the step of an agent of a batch."""
+        return AgentStep(**{name: getattr(self, name)[row] for name in STEP_SHAPES})
+
     def among(self, rows: Rows, last_actions: Axes) -> AgentStep:
         """Return the steps of a batch in which only these rows act and others stay."""
         if isinstance(rows, tuple):

@@ -26,7 +26,6 @@ class ContactLoop:
 
     With M = m/h², D = d/h, the successive displacements e⁻, e, e' and e_q, the one
     q = τ/h periods before e, M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q.
-    docs/method.md derives the consequences.
     """
 
     stiffness: SixAxes
@@ -329,8 +328,7 @@ def stiffness_from_force(
     """Return a stiffness along the learned force that falls with the force.
 
     The rule of Hou et al., *Adaptive Compliance Policy*, 2024, arXiv:2410.09309: it
-    falls linearly from k_max at 0.5 N to k_min at 5 N, as in the published code; across
-    the force and in rotation it is k_max.
+    falls linearly from k_max at 0.5 N to k_min at 5 N along the force, as published.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None:

@@ -252,8 +252,7 @@ def dynamic_time_warping(
 
     The recursion D_ij = c_ij + min(D_{i-1,j}, D_{i-1,j-1}, D_{i,j-1}) runs along each
     row without a loop: with S the cumulated cost of the row and v_j the cheaper of the
-    two entries above, D_ij - S_j = min over l ≤ j of (v_l - S_{l-1}), a running
-    minimum. Memory is one byte per cell.
+    two entries above, D_ij - S_j = min over l ≤ j of (v_l - S_{l-1}). A cell is a byte.
     """
     total = np.cumsum(cost_row(0))
     if n_rows * len(total) > LARGEST_TABLE:
@@ -338,8 +337,7 @@ def without_rests(
 
     A hand is at rest if its speed, from chords of the smoothed path, stays below 5 % of
     the motion's fast speed for more than 10 % of the moving time, and if it covers less
-    than 1 % of the path. 5 % of the moving time is kept next to the motion, so that
-    gentle starts and stops are kept.
+    than 1 % of the path. 5 % of that time is kept next to the motion: gentle starts.
     """
     times, poses = demonstration.times, demonstration.poses
     # Extended by its mirror image, so that a path that ends at rest stays at rest.

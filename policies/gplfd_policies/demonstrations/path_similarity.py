@@ -200,8 +200,7 @@ def updated(
     """Return R estimates, each with one more position that is far enough from its last.
 
     A position's distance from the start is in the horizontal plane [m], at least the
-    path's `due`; its angle is the direction from the start, about the vertical [rad].
-    All paths have equal settings.
+    path's `due`; its angle is its direction about the vertical [rad]. Settings agree.
     """
     models, config = [path.model for path in paths], paths[0].model.config
     place: Float[np.ndarray, "2 R 1"] = np.array(places).T[..., None]
@@ -419,8 +418,7 @@ def size_visibility(
     size is not observable. It is observable by the distance of the mean from a straight
     line and by its rotation, each divided by the deviation of another repetition, σ² +
     n², with σ that of the demonstrations and n the error of observation. Up to one root
-    mean square the result is 0, from two on 1. The demonstrations are of equal size and
-    heading [m, rad].
+    mean square the result is 0, from two on 1. Size and heading are equal [m, rad].
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
     path = positions.mean(axis=0)

@@ -39,8 +39,7 @@ class TurnedHandle:
     """The axis of a handle relative to the hand, at the start.
 
     With the hand at position p and rotation R, the axis's point is displaced by p + (R
-    - 1) s. Everything is in Python floats, so that one hand and many give the same
-    bits. Poses are lists (6,) [m, rad].
+    - 1) s. Python floats give one hand and many the same bits. Poses: (6,) [m, rad].
     """
 
     point: Vector
@@ -99,8 +98,7 @@ class TurnedHandle:
     def turned(self, pose: list[float]) -> float:
         """Return the turn of the handle of a closed door [rad].
 
-        The hand may rotate relative to a lever, so the apparent displacement of the
-        axis along the handle's path is added.
+        As the hand rotates on a lever, the axis's way along the handle's path is added.
         """
         _, turn = self.swing_twist(pose[3:])
         _, arm = self._lever()

@@ -61,8 +61,7 @@ class RBF:
     ) -> Float[np.ndarray, "A terms"]:
         """φ with k(a, b) = φ(a) φ(b)ᵀ, from the power series of exp(u_a u_b).
 
-        φ_n(t) = σ_f exp(−u²/2) uⁿ/√n! with u = (t − centre)/l; the rest vanishes where
-        u² is well below ``terms``.
+        φ_n(t) = σ_f exp(−u²/2) uⁿ/√n! with u = (t − centre)/l, for u² ≪ ``terms``.
         """
         scaled = (times - centre)[:, None] / self.length_scale
         powers = np.arange(terms)

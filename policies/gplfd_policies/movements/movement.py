@@ -184,8 +184,7 @@ class GaussianTrajectory:
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
 
         Raises:
-            ValueError: if the duration is not positive and finite, the times do not
-                increase, or a pose is not finite.
+            ValueError: duration or pose are not finite, or times do not increase.
         """
         if not 0.0 < duration < np.inf:
             raise ValueError(f"duration must be positive and finite [s]: {duration}")

@@ -32,8 +32,7 @@ class PriorMean(Protocol):
     """Expected poses far from demonstrations.
 
     Phases are those of the aligned demonstrations, 0 to 1, and later ones for methods
-    that continue beyond the end. Rotation vectors are on the branch of the
-    demonstrations.
+    that continue beyond the end. Rotation vectors are on the demonstrations' branch.
     """
 
     def mean(self, times: Times) -> Outputs:
@@ -50,8 +49,7 @@ class PosePath:
     Before the first and after the last pose it is constant.
 
     Raises:
-        ValueError: If a shape is wrong, an entry is not finite, or the phases do not
-            increase strictly.
+        ValueError: A wrong shape, numbers that are not finite, phases not increasing.
     """
 
     phases: Float[np.ndarray, " N"]

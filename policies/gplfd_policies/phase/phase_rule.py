@@ -41,8 +41,7 @@ _FAR: Final = 1e100
 _FEATURES: Final = 6  # number of features of a pose
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
-slip of the grasp; rotation [rad], turning of the hand on the bar, which under load
-precedes that of the door."""
+slip of the grasp; rotation [rad], of the hand on the bar, which precedes the door's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +159,7 @@ class PathPhase:
     is turned first, v is the displacement of the handle's axis, and θ is the rotation
     of the leaf plus the greatest turn of the handle so far
     (`gplfd_policies.demonstrations.turned_handle`): the handle turns back because the
-    policy commands it. A path that is scaled by c and observed with a rotation α_c has
-    the Mahalanobis distance
+    policy commands it. A path scaled by c and rotated by α_c has Mahalanobis distance
 
         d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)² + σ_ρ²) + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²)
                    + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
@@ -271,8 +269,7 @@ class PathPhase:
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
 
-        # Features (7, *N): ρ, θ, u. For a few numbers per row, Python's floats are as
-        # fast as NumPy.
+        # Features (7, *N): ρ, θ, u. For few numbers Python's floats are as fast.
         observed, places = [], {}
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose

@@ -241,9 +241,8 @@ PUBLISHED: Final[Mapping[str, Method]] = MappingProxyType(
             pipeline=_published(
                 # DTW on the raw completion index of the whole recording.
                 align=partial(align, method="dtw", denoise=False, trim_rests=False),
-                # Where the paper gives no details, ours are used: the phase of an
-                # observation and its via-point noise (with the clock time, no door
-                # opens), and the governor.
+                # Ours where the paper gives no details: the phase of an observation
+                # (by the clock no door opens), its via-point noise, and the governor.
                 profile=PAPER_PROFILE,
                 config=ComplianceConfig(
                     load=YieldToAll(),

@@ -10,8 +10,7 @@ pipeline, a function from `gplfd_policies.TrainingInput` to an agent, a
 * ``ws://HOST:PORT`` is a server, see `gplfd_policies.agents.remote`.
 
 The origin of a policy contains a hash of its module and of the files in its folder that
-it imports, and so on. They are found by reading, so that the hash does not depend on
-earlier imports of the process.
+it imports, and so on, which are found by reading: earlier imports do not matter.
 """
 
 import ast
@@ -344,8 +343,7 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         folder: Folder that is searched first; by default the working folder.
 
     Raises:
-        ValueError: An unknown name, a module or package that cannot be used, or a
-            pipeline that is unknown.
+        ValueError: An unknown name or pipeline, a module that cannot be used.
     """
     name, pipeline = split_name(name)
     if pipeline:

@@ -96,8 +96,7 @@ def profile_of_spread(
     β is the geometric mean of two values: the root mean square spread, which is σ
     before the policy has observed the task, and the residual pose uncertainty after a
     long observation, ``resolution`` [m, rad], which is the least σ. The shape over σ/β
-    and the stiffnesses are the published ones. The default resolution is that of `gp`;
-    for another, use ``functools.partial``.
+    and the stiffnesses are the published ones. The default resolution is that of `gp`.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:
@@ -125,8 +124,7 @@ class Learner:
     accepts_prior_mean: bool = False
     """Whether `fit` also takes ``centred=False``, for a prior mean of zero."""
     adaptation: AdaptationForm | None = None
-    """Its form of adaptation to via-points; None for the ``adapt`` of what it has
-    fitted, if there is one."""
+    """Its form of adaptation; None for the ``adapt`` of what it fitted, if any."""
     force_adaptation: AdaptationForm | None = None
     """That of the expected force to measured forces; None for the same form."""
 
@@ -144,11 +142,9 @@ class Pipeline:
     adapts: bool = True
     """Whether poses and forces that the agent observes change its forecast."""
     size_inference: AdaptationForm | None = SimilarityAdaptation
-    """Form of adaptation that infers size and heading of the door's path from poses;
-    None for the learner's own form."""
+    """Adaptation that infers size and heading of the path; None: the learner's own."""
     phases: Callable[[Movement], PhaseRule] = PathPhase
-    """Makes the rule by which an agent estimates the phase of the hand; by default from
-    the movement's mean and spread."""
+    """Makes an agent's rule for the phase; by default by the movement's mean and σ."""
     profile: StiffnessProfile | Callable[[AlignedDemonstrations], StiffnessProfile] = (
         profile_of_spread
     )
@@ -188,8 +184,7 @@ class Method:
         The demonstrations may be of any task, in any common frame.
 
         Raises:
-            ValueError: There are no demonstrations, or a prior mean is given and the
-                learner does not accept one.
+            ValueError: No demonstrations, or a prior mean that the learner cannot use.
         """
         prior_mean, learner = training.prior_mean, self.learner
         if prior_mean is not None and not learner.accepts_prior_mean:
@@ -365,8 +360,7 @@ class PolicyOrigin:
     name: str
     """The name under which it was requested."""
     kind: Literal["built-in", "package", "module", "server"] = "built-in"
-    """An entry of `POLICIES`, a package's entry point, part of a user's module, or the
-    server at an address."""
+    """An entry of `POLICIES`, a package's entry point, a user's module, or a server."""
     folder: str = ""
     """Folder in which the module was searched first."""
     file: str = ""

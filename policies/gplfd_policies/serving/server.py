@@ -168,8 +168,7 @@ def serve(
 ) -> None:
     """Serve an agent by settings, until the client or an interruption ends it.
 
-    Raises a ValueError if the agent cannot be served, and an OSError if the address or
-    the journal cannot be used.
+    ValueError: the agent cannot be served. OSError: address or journal are unusable.
     """
     with contextlib.ExitStack() as stack:
         listener, link, address = None, None, "standard input and output"

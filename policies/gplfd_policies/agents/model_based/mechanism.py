@@ -2,8 +2,7 @@
 
 The models are from J. Sturm, C. Stachniss and W. Burgard, *A Probabilistic Framework
 for Learning Kinematic Models of Articulated Objects*, JAIR 41 (2011) 477-526. Each maps
-a latent coordinate q to a pose f(q) and back; d is its number of degrees of freedom, k
-the number of its parameters:
+a latent coordinate q to a pose f(q) and back, with d degrees of freedom, k parameters:
 
 | model | d | k | q |
 |---|---|---|---|
@@ -13,8 +12,7 @@ the number of its parameters:
 | Gaussian process | 1 | 1 + d + 6 m | length of the path; m training poses |
 
 Δ_i is the error of the i-th of n poses relative to its projection f(q_i), γ the share
-of outliers, and q is uniform over the n observed places. The model with the least BIC
-is selected:
+of outliers; q is uniform over the n observed places. The least BIC selects the model:
 
     BIC = -2 (Σ_i log p(Δ_i) - d n log n) + k log n,
     p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U.
@@ -213,8 +211,7 @@ class MechanismFitAgent(StartedAgent):
     As in `HingeFitAgent`, the hand yields to every force except the door's resistance
     along the path. The agent begins by pulling straight back. If the hand stays within
     two centimetres for 1.5 seconds, it tries the next direction. A rotational motion
-    ends at 67° from the closed door, like the demonstrations. Otherwise the set-point
-    moves on until the load rule stops it.
+    ends at 67°, like the demonstrations; another when the load rule stops it.
     """
 
     def _begin(self, guess: int) -> None:

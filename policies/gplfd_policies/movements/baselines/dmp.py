@@ -76,8 +76,7 @@ class DynamicMovementPrimitive(LearnedMovement):
     def predict(self, times: Times) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
-        Before the first demonstrated phase the pose is the start; after the last one
-        the attractor continues to the goal.
+        Before the first phase it is the start; after the last it goes on to the goal.
         """
         times = checked_times(times)
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])

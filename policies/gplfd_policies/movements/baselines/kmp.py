@@ -68,8 +68,7 @@ class KMPConfig(Quantities):
     """λ. Published is 1 for letters that vary by 25 cm², thus 25 in standardised
     outputs. Where demonstrations differ much it pulls the mean to the average pose."""
     covariance_regularisation: float = quantity(1500.0, above=0.0)
-    """λ_c. Published is 60, times 25 for the same reason: too confident. N/λ_c
-    is the variance far from the reference."""
+    """λ_c; N/λ_c is the variance far from the reference. Published: 60, times 25."""
 
 
 class Reference:
