@@ -111,24 +111,24 @@ class Doors:
 
 BARS = [DoorGeometry.of(DoorConfig(radius=radius)) for radius in RADII]
 LEVERS = [DoorGeometry.of(LEVER)] * 3
+DOORS = {"levers": (LEVERS, 20, 20, 32), "gp of modes": ([*BARS], 140, 70, 140)}
 
 
 def row_of(observations, row):
     return {name: rows[row] for name, rows in observations.items()}
 
 
-def steps_of(batch, geometries, active, end):
+def steps_of(batch, active, geometries, held, closing, end):
     """Open doors with a batch; return observations, steps and who acted, by time."""
     doors, history = Doors(geometries), []
     for time in range(end):
-        if time == 20:
-            doors.angles[1] = 0.0
+        doors.angles[1] *= time != closing
         observations, acting = doors.observe(), active(time)
-        if time in (0, 20):
+        if time in (0, closing):
             batch.reset(observations, np.arange(3) == 1 if time else None)
         steps = batch.act(observations, None if acting.all() else acting)
         history.append((observations, steps, acting))
-        doors.angles += 0.009 * acting * (time > 20 or geometries is BARS)
+        doors.angles += 0.009 * acting * (time > held)
     return history
 
 
@@ -144,19 +144,19 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     batch = batch_agents(agents_of(name))
     kinds = {CompliantAgent: "_VectorisedBatch", ModesAgent: "ModesBatch"}
     assert type(batch).__name__ == kinds.get(type(agents_of(name)[0]), "AgentBatch")
-    geometries = {"levers": LEVERS, "gp of modes": [*BARS]}.get(name, BARS)
-    history = steps_of(batch, geometries, active, 90 if name == "gp of modes" else 32)
+    geometries, held, closing, end = DOORS.get(name, (BARS, -1, 20, 32))
+    history = steps_of(batch, active, geometries, held, closing, end)
     if name == "gp":
         laws = {agent.config.profile.beta.tobytes() for agent in agents_of(name)}
         assert len(laws) == 2
         assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 3
-    if name == "gp of modes":  # The last went back, and pushes.
-        assert history[-1][1].mode[2] == 1.0
+    if name == "gp of modes":  # The second went back and pushed, before and after.
+        assert [history[time][1].mode[1] for time in (69, 71, -1)] == [1.0, 0.0, 1.0]
     forecasts = [batch.forecast(row) for row in range(3)]
     for row, agent in enumerate(agents_of(name)):
         agent.reset(row_of(history[0][0], row))
         for time, (observations, steps, acting) in enumerate(history):
-            if time == 20 and row == 1:
+            if time == closing and row == 1:
                 agent.reset(row_of(observations, row))
             if not acting[row]:
                 continue
