@@ -294,6 +294,32 @@ def robustness() -> Table | str:
     return Table(columns=("policy", *variants), rows=(*rows, ("Kendall's tau", *texts)))
 
 
+def pictures() -> Table | str:
+    """Return the doors that ACT opens with and without pictures, by track.
+
+    A cell has the mean and the range of the three seeds, each another training.
+    """
+    path = RESULTS / "pictures.json"
+    if not path.exists():
+        return board.NOT_RUN
+    answers = read_json(path)["trials"]
+    tracks = {name: of.trials for name, of in TRACKS.items() if name != "corrections"}
+    rows = []
+    for number, arm in itertools.product((6, 50, 200), ("", "-compliant")):
+        for kind in ("act", "act-pictures"):
+            policy = f"{kind}-{number}{arm}"
+            shares = [
+                [100.0 * share for share in board.by_seed(answers, trials, policy)]
+                for trials in tracks.values()
+            ]
+            cells = (f"{fmean(s):.0f} %\n{min(s):.0f} to {max(s):.0f}" for s in shares)
+            seen = "pictures too" if kind != "act" else "state and wrench"
+            how = "admittance" if arm else "stiff arm"
+            rows.append((f"`learner-{number}`", seen, how, *cells))
+    heads = ("set", "sees", "arm", *tracks)
+    return Table(columns=heads, rows=tuple(rows))
+
+
 def tuning() -> Table | str:
     """Return what tuning found: shipped and tuned settings of each learner."""
     learners = read_json(TUNED)["policies"]
@@ -328,6 +354,7 @@ def _of_answers(make: Callable[..., Table | str]) -> Callable[..., Table | str]:
 BLOCKS: Final[Mapping[str, Callable[..., Table | str]]] = {
     "contrasts": _of_answers(lambda _, track: contrasts(track)),
     "parts": _of_answers(parts),
+    "pictures": pictures,
     "prototypes": prototypes,
     "robustness": robustness,
     "track": _of_answers(board.leaderboard),

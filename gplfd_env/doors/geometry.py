@@ -48,14 +48,12 @@ class DoorGeometry:
     """
 
     hinge: Array
-    """The point of the axis nearest to the origin [m], (3,); given as any of its
-    points."""
+    """The point of the axis nearest to the origin [m], (3,); given as any point."""
     axis: Array
     """Direction of the axis, (3,), given with any length; a positive turn opens the
     door."""
     spindle: Array | None = None
-    """A point of the closed handle's axis [m], (3,); None if the handle does not
-    turn."""
+    """A point of the closed handle's axis [m], (3,); None if it does not turn."""
     turn: Array | None = None
     """Direction of that axis, (3,), given with any length; a positive turn retracts the
     bolt."""

@@ -68,8 +68,7 @@ def en1154(size: int, efficiency: float | None = None) -> Closer:
     efficiency η, by default halfway between the least allowed and 1, the opening moment
     there is M / η: the spring gives their mean and friction half their difference.
     Beyond 30° the closing moment is half of M; at 90° this exceeds the least allowed.
-    Raises a ValueError for an unknown size or an efficiency that the standard does not
-    allow.
+    Raises a ValueError for a size or an efficiency that the standard does not have.
     """
     check_choice("EN 1154 size", size, EN_1154)
     row = EN_1154[size]

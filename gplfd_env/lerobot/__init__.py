@@ -14,8 +14,10 @@ from typing import Any
 import gymnasium as gym
 
 from gplfd_env.conventions.constants import ActionForm
-from gplfd_env.doors.config import DOORS
+from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.envs.waypoints import SIZES, Condition, WaypointDoor
+from gplfd_env.robot.placement import base_for
+from gplfd_env.robot.robots import robot_named
 from gplfd_env.validation.named import nearest_name
 
 try:
@@ -64,7 +66,8 @@ def conditions(task: str, randomization: str = "none") -> dict[str, list[Conditi
                     f"doors, or {', '.join(sorted(names))}"
                 ) from None
         else:
-            arguments = {"door": door, "randomization": randomization}
+            base = base_for(door_config(door), robot_named("tiago-like"))
+            arguments = {"door": door, "randomization": randomization, "base": base}
             matching = [Condition(name=name, door=f"{door}", arguments=arguments)]
         for condition in matching:
             suite = name if name in condition.suites else condition.suites[0]

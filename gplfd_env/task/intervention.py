@@ -30,8 +30,7 @@ class Intervention:
 
     After `loads`, it has the force of the push and the greatest one between person and
     robot or door in this period [N], the work done on the person since the reset [J],
-    and the displacement of the base in the task frame [m], its magnitude and its rate
-    [m/s].
+    the displacement of the base in the task frame [m], its magnitude and rate [m/s].
     """
 
     def __init__(self, variation: Variation, robot: RobotConfig) -> None:

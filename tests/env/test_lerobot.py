@@ -4,7 +4,6 @@ Where LeRobot is not installed, a stand-in takes the place of its base class.
 """
 
 import dataclasses
-import importlib
 import importlib.util
 import sys
 from types import ModuleType, SimpleNamespace
@@ -15,8 +14,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from gplfd_env.doors.config import DOORS
 from gplfd_env.envs.waypoints import Condition, WaypointDoor, Waypoints, seen, state_of
 from gplfd_env.wrappers import action_of
+from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.studies.trials.protocol import named_trials, trial_tasks
 
 MEDIUM = Condition(name="medium", door="medium", arguments={"door": "medium"})
@@ -76,12 +77,11 @@ def test_the_plugin_has_what_lerobot_asks_for(plugin):
 def test_suites_are_tracks_and_tasks_their_conditions(plugin):
     suites = plugin.conditions("radius/between, radius/beyond/0.3, small, 0.42")
     names = [condition.name for group in suites.values() for condition in group]
-    assert sorted(names) == sorted(
-        [
-            *("radius/between/0.42", "radius/between/0.58", "radius/beyond/0.3"),
-            *("small", "0.42"),
-        ]
-    )
+    named = "radius/between/0.42 radius/between/0.58 radius/beyond/0.3 small 0.42"
+    assert sorted(names) == sorted(named.split())
+    for name, door in DOORS.items():  # as `gplfd benchmark` opens it
+        task = episode_task(name, door, policy="oracle", seed=0)
+        assert plugin.conditions(name)["doors"][0].arguments["base"] == task.base
     (track,) = set(suites) - {"doors"}
     assert "radius/between" in plugin.conditions(track)[track][0].name
     with pytest.raises(ValueError, match="unknown --env"):

@@ -116,7 +116,7 @@ def test_a_scene_does_not_remember_the_one_before(base, first, second):
 def test_a_building_door_is_not_remembered_and_as_compiled(first, second):
     """To 1e-9 of the largest entry of a field; but for what is settled later.
 
-    That are the grasp, what follows from it, and dampers that need compiled inertia.
+    The grasp, its keyframe and what follows from it, and dampers by compiled inertia.
     """
     model = build_scene(first)
     load_scene(model, mujoco.MjData(model), second)

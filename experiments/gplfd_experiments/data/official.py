@@ -1,5 +1,6 @@
 """Official training sets of the tracks, for policies that learn elsewhere."""
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -23,8 +24,8 @@ KINDS: Final = {
     "realistic": (_BAR, _LEVER, _FOLDING),
     "corrections": (_FLAP,),
 }
-"""A door of every kind in the sets of a track: those that its trials demonstrate, but
-in *learner*, whose first networks learned from bars alone, only bars."""
+"""A door of every kind that a track's trials demonstrate. *learner* has only bars, from
+which the first networks learned."""
 OFFICIAL: Final = {f"{of}-{n}": (of, n) for of in KINDS for n in (6, 50, 200)}
 """Track and number of demonstrations of every set, by its name."""
 SEED: Final = 1000  # Of all sets; no trial has it.
@@ -42,7 +43,7 @@ def official_set(name: str) -> list[tuple[Demonstration, DoorConfig]]:
         for size in zip(*map(doors_like, KINDS[track]), strict=True)
         for kind, like in zip(KINDS[track], size, strict=True)
     ]
-    per_door, rng = -(-number // len(doors)), np.random.default_rng(SEED)
+    per_door, rng = math.ceil(number / len(doors)), np.random.default_rng(SEED)
     shown = Teacher().demonstrate_doors(doors, per_door, rng=rng)
     turns = (divmod(k, len(doors)) for k in range(number))
     return [(shown[door * per_door + turn], doors[door]) for turn, door in turns]

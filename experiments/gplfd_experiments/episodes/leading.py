@@ -43,7 +43,7 @@ _SPEED: Final = 0.25  # Speed of the point that pulls the hand along the path [r
 BLEND_TIME: Final = 0.4
 """Duration of taking the hand and of handing over [s]."""
 PULLS: Final = (34.0, 58.0)
-"""Largest force [N] along the path at a bar, which slips at 37 N, and a lever."""
+"""Largest force [N] along the path: bar (fingers slip at 37 N), handle that turns."""
 _PRESS_TIME: Final = 0.8  # Duration of turning a handle [s].
 _TREMOR: Final = (0.001, math.radians(0.5))
 """Standard deviation per axis of the leading hand [m, rad]."""

@@ -287,7 +287,7 @@ def work_on_door(log: EpisodeLog) -> float:
 def share_of_bound(log: EpisodeLog) -> FloatArray:
     """Rate of the stiffness over its stability bound, (T, 6); NaN without stiffness.
 
-    It is 1 if the bound is not positive, where the stiffness of a rotated frame falls.
+    It is 1 if the bound is not positive: the frame rotated, and stiffness must fall.
     """
     bound = log.decisions.stability_margin + log.decisions.stiffness_rate
     share: FloatArray = np.ones_like(bound)

@@ -124,8 +124,7 @@ def _opened(
     """Open the doors of one policy's tasks; return the results by the tasks' keys."""
     results: dict[str, Result] = {}
     learned: dict[str, Any] = {}  # What makes agents, or an error.
-    # In one batch with agents of another kind, as those of several modes, all would be
-    # called one after the other.
+    # In one batch with agents of another kind, all would be called one by one.
     kinds: dict[str, object] = {}
     batches: list[tuple[object, list[EpisodeTask]]] = []
     for task in episodes:

@@ -63,7 +63,7 @@ def as_agent(candidate: object) -> Agent:
         candidate: Object with ``act(observation)``, which returns the commanded pose
             (6,) [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)``
             and ``forecast()`` are called if they exist. With an attribute ``control =
-            "impedance"`` ``act`` returns pose and stiffness (12,), or a step with both.
+            "impedance"`` it returns (12,) [m, rad, N/m, N m/rad], or a step with both.
 
     Returns:
         An agent that checks the values that the object returns in each step.
@@ -71,7 +71,7 @@ def as_agent(candidate: object) -> Agent:
     Raises:
         ValueError: If the object cannot act, or its ``control`` is unknown.
     """
-    if isinstance(candidate, CompliantAgent | CheckedAgent):
+    if type(candidate) in (*BATCHES, CheckedAgent) and isinstance(candidate, Agent):
         return candidate
     if isinstance(candidate, type) or not callable(getattr(candidate, "act", None)):
         raise ValueError(
@@ -263,17 +263,18 @@ class AgentBatch:
 
     def _reset(self, observations: Observation, rows: Rows) -> None:
         for row in np.arange(len(self._agents))[rows].tolist():
-            self._agents[row].reset(_of(observations, row))
+            self._agents[row].reset(row_of(observations, row))
 
     def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
         """Return the steps of these rows only."""
         numbers = np.arange(len(self._agents))[rows].tolist()
         return AgentStep.stacked(
-            [self._agents[row].act(_of(observations, row)) for row in numbers]
+            [self._agents[row].act(row_of(observations, row)) for row in numbers]
         )
 
 
-def _of(observations: Observation, row: int) -> Observation:
+def row_of(observations: Observation, row: int) -> Observation:
+    """Return the observation of one of N agents."""
     return {name: values[row] for name, values in observations.items()}
 
 
@@ -298,6 +299,11 @@ class _VectorisedBatch(AgentBatch):
     def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
         poses, wrenches = observations["ee_pose"][rows], observations["wrench"][rows]
         return self._controller.decide(poses, wrenches, rows)
+
+
+BATCHES: Final[dict[type, Callable[..., AgentBatch]]] = {}
+"""What computes agents of a class together, by the class."""
+BATCHES[CompliantAgent] = _VectorisedBatch
 
 
 def batch_agents(agents: Sequence[object]) -> AgentBatch:
@@ -327,8 +333,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
     first, *others = map(shared_in_batch, agents)
     if first is None or any(parts != first for parts in others):
         return AgentBatch(checked)
-    kind: Callable[..., AgentBatch] = getattr(agents[0], "batch", _VectorisedBatch)
-    return kind(agents)
+    return BATCHES[type(agents[0])](agents)
 
 
 def shared_in_batch(agent: object) -> tuple[object, ...] | None:
@@ -337,7 +342,8 @@ def shared_in_batch(agent: object) -> tuple[object, ...] | None:
     None for an agent that is called alone.
     """
     if not isinstance(agent, CompliantAgent):
-        return getattr(agent, "shared_in_batch", None)
+        exact = type(agent) in BATCHES  # A subclass may act differently.
+        return getattr(agent, "shared_in_batch", None) if exact else None
 
     def values(record: Any) -> list[Any]:
         return [getattr(record, entry.name) for entry in fields(record)]

@@ -5,9 +5,9 @@ force with the force that a door may need, moves back, and tries the next mode.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import (
+    BATCHES,
     AgentBatch,
     CompliantAgent,
     batch_agents,
+    row_of,
     shared_in_batch,
 )
 from gplfd_policies.arrays.rows import Rows
@@ -87,8 +89,6 @@ class ModesAgent:
         config: When a mode is abandoned.
     """
 
-    batch: ClassVar[Callable[..., AgentBatch]]
-
     def __init__(
         self,
         agents: Sequence[CompliantAgent],
@@ -119,7 +119,7 @@ class ModesAgent:
         self.agents[0].reset(observation)
 
     def begin(self, pose: Pose) -> None:
-        """Forget the last door; the agent of the first mode is reset apart."""
+        """Forget the last door; the agent of the first mode is reset separately."""
         count, pose = len(self.agents), np.array(pose)
         self._last: AgentStep | None = None
         self.mode, self._next = 0, 0  # They differ while the hand moves back.
@@ -141,14 +141,14 @@ class ModesAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
-        back = self.back(observation)
+        back = self.step_back(observation)
         if back is not None:
             return back
         if self.begins:
             self.agents[self.mode].reset(observation)
         return self.onward(self.agents[self.mode].act(observation))
 
-    def back(self, observation: Observation) -> AgentStep | None:
+    def step_back(self, observation: Observation) -> AgentStep | None:
         """Return the next step of the way back, or None if the agent of `mode` acts.
 
         Then that agent is reset first if it `begins`, and its step goes to `onward`.
@@ -235,37 +235,36 @@ class ModesBatch(AgentBatch):
 
     def __init__(self, agents: Sequence[ModesAgent]) -> None:
         super().__init__(agents)
-        self._trying, self._counts = agents, [len(agent.agents) for agent in agents]
+        self._agents: tuple[ModesAgent, ...] = tuple(agents)
+        self._counts = [len(agent.agents) for agent in agents]
         self._firsts = np.cumsum(self._counts) - self._counts
         self._modes = batch_agents([mode for agent in agents for mode in agent.agents])
 
     def _reset(self, observations: Observation, rows: Rows) -> None:
-        begun = np.zeros(sum(self._counts), dtype=bool)
-        begun[self._firsts[rows]] = True
-        for row in np.arange(len(self._trying))[rows].tolist():
-            self._trying[row].begin(observations["ee_pose"][row])
+        begun = np.isin(np.arange(sum(self._counts)), self._firsts[rows])
+        for row in np.arange(len(self._agents))[rows].tolist():
+            self._agents[row].begin(measured(row_of(observations, row))[0])
         self._modes.reset(observations, begun)
 
     def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
         steps: dict[int, Any] = {}
-        for row in np.arange(len(self._trying))[rows].tolist():
-            seen = {name: values[row] for name, values in observations.items()}
-            steps[row] = self._trying[row].back(seen)
+        for row in np.arange(len(self._agents))[rows].tolist():
+            steps[row] = self._agents[row].step_back(row_of(observations, row))
         acting = [row for row, back in steps.items() if back is None]
-        places = [self._firsts[row] + self._trying[row].mode for row in acting]
+        places = [self._firsts[row] + self._agents[row].mode for row in acting]
         acts, begins = np.zeros((2, sum(self._counts)), dtype=bool)
-        acts[places], begins[places] = True, [self._trying[n].begins for n in acting]
+        acts[places], begins[places] = True, [self._agents[n].begins for n in acting]
         each = {n: np.repeat(v, self._counts, axis=0) for n, v in observations.items()}
         if begins.any():
             self._modes.reset(each, begins)
         if acting:
             together = self._modes.act(each, acts)
             for row, place in zip(acting, places, strict=True):
-                steps[row] = self._trying[row].onward(together.of(place))
+                steps[row] = self._agents[row].onward(together.of(place))
         return AgentStep.stacked([*steps.values()])
 
 
-ModesAgent.batch = ModesBatch
+BATCHES[ModesAgent] = ModesBatch
 
 
 def _length(way: Pose) -> float:

@@ -1,7 +1,7 @@
 """Shapes of arrays for all signatures.
 
 M is the number of phases and D the number of demonstrations; the six outputs are those
-of a pose, (x, y, z, θu_x, θu_y, θu_z) [m, rad]. Equal letters in a call are equal.
+of a pose, (x, y, z, θu_x, θu_y, θu_z) [m, rad]. In a call, a letter is one number.
 
 Shapes are annotations of jaxtyping, which the tests check at run time. If jaxtyping is
 not installed, e.g. on a robot, an annotation is just the array type:

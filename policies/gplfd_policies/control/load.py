@@ -3,7 +3,7 @@
 In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
 set-point. A force *across* the path shows that the path is wrong, and the hand should
 yield. A force *along* the path may be the door's weight, under which a yielding hand
-stalls, or a person. The past tells: the door was equally heavy a centimetre ago.
+stalls, or a person. The past tells which: the door was as heavy a centimetre ago.
 """
 
 import math
@@ -199,7 +199,7 @@ class LearnedLoad(Load):
     of stick-slip friction. A person who holds the hand stops it, which does not count.
     Over the same distance the share w of r̂ that was measured rises from 0 to 1: a
     weight that was learned stays compensated, however far the hand lags. From w = 1/2
-    on, r̂ falls over `memory` metres: a leaf with momentum needs less for a while.
+    on, r̂ falls more slowly, over `memory` metres: momentum helps only for a while.
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`

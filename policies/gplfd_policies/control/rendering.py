@@ -1,7 +1,7 @@
 """Where compliance is realised: in the set-point (virtual dynamics) or in the arm.
 
 Virtual dynamics move the set-point of a stiff arm by the measured force, Eq. (22) of
-Arduengo et al., arXiv:2002.09979. With a commanded stiffness the arm itself yields.
+Arduengo et al., arXiv:2002.09979. A commanded stiffness needs no measured force.
 """
 
 import math
@@ -50,7 +50,7 @@ class Admittance:
         """Advance these rows by a period [s]; return a copy of e at its end.
 
         With a frame T, the translational stiffness k is along its columns, K = T k Tᵀ,
-        and D is a function of K. With equal masses the step decouples along them.
+        and D is a function of K. Equal masses along x, y, z then decouple the columns.
         """
         mass, before = self._dynamics.mass, self.displacement[rows]
         held, speed, force = before, self.velocity[rows], wrench

@@ -54,9 +54,8 @@ def uncertainty_fall_bound(
     divided by the largest slope of the profile, Eq. (26). Infinite for a constant
     stiffness. ``printed`` gives the right side as printed, with 1 + 4δ² for 1 + 2δ².
 
-    Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
-    uncertainty is always stable. In fact, rising uncertainty is always stable:
-    `test_eq28_bounds_falling_uncertainty`.
+    Eq. (28) is printed as a bound on +dσ/dt, as if falling uncertainty were always
+    stable. In fact, rising uncertainty is: `test_eq28_bounds_falling_uncertainty`.
     """
     constant = rate_bound(profile.k_min, profile.k_min, dynamics, printed=printed)
     steepest = profile.alpha * (profile.k_max - profile.k_min) / 4.0
@@ -67,8 +66,8 @@ def uncertainty_fall_bound(
 class GovernedStiffness(NamedTuple):
     """Stiffness to render [N/m, N m/rad], its rate over the step, and the margin.
 
-    The margin is the tight pointwise bound minus the rate [N/(m s), N m/(rad s)]; if
-    the frame turned, it is to the highest safe stiffness, divided by `_USED_SHARE`.
+    The margin is a bound minus the rate [N/(m s), N m/(rad s)], above 0: the tight one,
+    or if the frame turned, the rate to the highest safe stiffness over `_USED_SHARE`.
     """
 
     stiffness: Axes
@@ -126,7 +125,7 @@ class StiffnessGovernor:
         damping and k_min must be the same along x, y and z. With φ(K) = K + γD(K), F =
         φ(highest) in the old frame and any k ≥ k_min along the new frame, the condition
         requires φ(k) ≤ F. F - φ(k_min) has no negative eigenvalue. For such a matrix E,
-        diag E_ii (1 - Σ_j |E_ij| / √(E_ii E_jj)) is a lower bound (Gershgorin), or 0.
+        diag(E_ii (1 - Σ_j |E_ij|/√(E_ii E_jj))) is a lower bound (Gershgorin); so is 0.
         """
         wished = np.maximum(target, self._k_min)
         previous = self._stiffness[rows]

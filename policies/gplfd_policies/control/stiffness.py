@@ -210,7 +210,7 @@ class StiffnessProfile:
     def printed_rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
-        It is wrong, for comparison with `rate`; it divides by zero if k_max = k_min.
+        It is wrong; compare it with `rate`. It divides by zero if k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(
@@ -328,7 +328,7 @@ def stiffness_from_force(
     """Return a stiffness along the learned force that falls with the force.
 
     The rule of Hou et al., *Adaptive Compliance Policy*, 2024, arXiv:2410.09309: it
-    falls linearly from k_max at 0.5 N to k_min at 5 N along the force, as published.
+    falls linearly from k_max at 0.5 N to k_min at 5 N; in other directions it is k_max.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None:

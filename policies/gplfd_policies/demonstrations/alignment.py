@@ -109,7 +109,7 @@ def align(
         TypeError: If the demonstrations are not a sequence of demonstrations.
         ValueError: If another argument is not as described.
 
-    Warns: UserWarning: If noise makes a path more than 1.1 times longer, or it rested.
+    Warns: UserWarning: Noise makes a path over 1.1 times longer, or rests are left out.
     """
     methods = get_args(AlignmentMethod)
     if method not in methods:
@@ -337,7 +337,7 @@ def without_rests(
 
     A hand is at rest if its speed, from chords of the smoothed path, stays below 5 % of
     the motion's fast speed for more than 10 % of the moving time, and if it covers less
-    than 1 % of the path. 5 % of that time is kept next to the motion: gentle starts.
+    than 1 % of the path. Next to the motion 5 % of the moving time is kept.
     """
     times, poses = demonstration.times, demonstration.poses
     # Extended by its mirror image, so that a path that ends at rest stays at rest.

@@ -25,13 +25,13 @@ class Demonstration:
 
     Raises:
         ValueError: Wrong shapes, fewer than 3 samples, an entry that is not finite,
-            times that do not increase, rotation vectors that jump, a hand that rests.
+            times that do not increase, rotation vectors that jump, no motion at all.
     """
 
     times: Float[np.ndarray, " N"]
     """Time stamps [s], strictly increasing; the first need not be zero."""
     poses: Float[np.ndarray, "N 6"]
-    """Poses (x, y, z, θu_x, θu_y, θu_z) [m, rad] in the task frame, continuous."""
+    """Hand poses (x, y, z, θu_x, θu_y, θu_z) [m, rad], task frame; θu is continuous."""
     wrenches: Float[np.ndarray, "N 6"] | None = None
     """Forces and moments (f_x, f_y, f_z, m_x, m_y, m_z) of the hand on what it holds
     [N, N m], in the axes of the task frame and about the hand; None if not recorded."""
@@ -170,7 +170,7 @@ class Correction:
     by: Who = "person"
     """Who led the hand."""
     phase: float = 0.0
-    """Phase, 0 to 1, that the policy estimated when the hand was first led, or 0."""
+    """Phase, 0 to 1, estimated by the policy when the hand was first led; else 0."""
     device: str = ""
     """Device with which a person led the simulated hand; "" if unknown."""
     inputs: Float[np.ndarray, "N n"] | None = None

@@ -346,10 +346,9 @@ class SizePosterior:
     scale: Likely
     """Factor on the variance of f, estimated from the innovations."""
     features: Float[np.ndarray, "9 K"]
-    """What the estimate of the phase needs: the logarithm of the weight, c, and the
-    variance of log c among the sizes that one represents; cosine and sine of the angle
-    of `PathSimilarity`, and its variance over these sizes; log c, and mean and variance
-    of ψ."""
+    """What the estimate of the phase needs: log weight, c, and the variance of log c
+    among the sizes that one represents; cosine and sine of the angle of
+    `PathSimilarity`, its variance over these sizes; log c, mean and variance of ψ."""
 
     def forecast(
         self, phases: Times
@@ -418,7 +417,7 @@ def size_visibility(
     size is not observable. It is observable by the distance of the mean from a straight
     line and by its rotation, each divided by the deviation of another repetition, σ² +
     n², with σ that of the demonstrations and n the error of observation. Up to one root
-    mean square the result is 0, from two on 1. Size and heading are equal [m, rad].
+    mean square it is 0, from two on 1. Demonstrations have one size and heading.
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
     path = positions.mean(axis=0)

@@ -98,7 +98,7 @@ class TurnedHandle:
     def turned(self, pose: list[float]) -> float:
         """Return the turn of the handle of a closed door [rad].
 
-        As the hand rotates on a lever, the axis's way along the handle's path is added.
+        The hand may turn on a lever: the axis's apparent way along its path is added.
         """
         _, turn = self.swing_twist(pose[3:])
         _, arm = self._lever()

@@ -188,8 +188,7 @@ class KerstingNoise(Quantities):
     A homoscedastic process is fitted first; each observation then gives
     z = log ½((y − μ)² + s²), with the current prediction μ and s²; a second process
     smooths z; and the loop repeats with r = exp z. The fixed point is biased: the
-    standard deviation converges to about 0.81 of the truth. r can at most halve per
-    pass, so few passes do not converge.
+    standard deviation converges to about 0.81 of the truth. r at most halves per pass.
     """
 
     n_iterations: int = quantity(10, low=1)

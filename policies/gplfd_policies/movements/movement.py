@@ -184,7 +184,7 @@ class GaussianTrajectory:
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
 
         Raises:
-            ValueError: duration or pose are not finite, or times do not increase.
+            ValueError: A duration not above 0, a pose not finite, times not increasing.
         """
         if not 0.0 < duration < np.inf:
             raise ValueError(f"duration must be positive and finite [s]: {duration}")
@@ -317,7 +317,7 @@ class LearnedMovement:
     """The demonstrations it was learned from."""
     forces: Movement | None = None
     """Movement learned from the demonstrated forces, over the same phases, if any. Its
-    outputs are force and moment of the hand on what it holds, in its axes [N, N m]."""
+    outputs are force and moment on what the hand holds, in the hand's axes [N, N m]."""
 
     @property
     def duration(self) -> float:

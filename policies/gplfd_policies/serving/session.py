@@ -312,8 +312,7 @@ def limited(
     """Return a command within the limits, given the last commanded pose.
 
     The position is moved to the nearest point of the workspace. A step that exceeds the
-    speed limits is shortened along the straight line and the shortest rotation from the
-    last pose (6,) [m, rad].
+    speed limits is shortened, along line and shortest rotation from the last pose (6,).
 
     Returns:
         The pose (6,) [m, rad], the same object if no limit changed it; the stiffness

@@ -74,8 +74,8 @@ class DemosExport:
 
     demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
     """Folder of `gplfd demos import`, or a demonstrations.npz; episodes, the folder
-    of `gplfd demos record`; or an official training set, TRACK-6, TRACK-50 or
-    TRACK-200: learner-6."""
+    of `gplfd demos record`; or an official training set: TRACK-6, TRACK-50 or
+    TRACK-200, such as learner-6."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="PATH")]
     """Folder to write."""
@@ -85,7 +85,7 @@ class DemosExport:
 
     replay: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="DOOR ...")] = None
     """Replay the demonstrations, in turn at these doors (names, radii [m], .json
-    files), or without a name at bars of their own radii; official sets always are."""
+    files), or without a name at bars of their radii; official sets: at their doors."""
 
     pictures: tuple[str, ...] = ()
     """Cameras whose videos are written: overview, top, head, hand_camera."""

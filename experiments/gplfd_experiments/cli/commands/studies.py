@@ -136,7 +136,7 @@ class SkillTests:
     """Compare methods on recordings: predict each from the others, without a robot.
 
     Writes DIR/report.html and report.md (errors, coverage of the stated uncertainty,
-    forecasts after a part was observed) and a result per method and file; resumable.
+    forecasts after a part was observed) and DIR/tasks/, a result each; resumable.
     """
 
     recordings: Annotated[

@@ -1,6 +1,6 @@
 """Motions in named arrays: NumPy, MATLAB, robomimic, LeRobot, and sets of gplfd.
 
-Columns (N,), those of `tables` (N, d), or ``--columns`` of (N, C), (K, N, C), (C, N).
+Columns (N,), those of `tables` (N, d), or ``--columns`` of (N, C), (K, N, C), or ᵀ.
 """
 
 import contextlib

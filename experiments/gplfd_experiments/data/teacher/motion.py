@@ -92,7 +92,7 @@ def coloured_noise(
     """Draw stationary noise with mean 0 and standard deviation 1, (N, n).
 
     Its second-order Butterworth filter has a cut-off in cycles per sample; at or above
-    0.5 the noise stays white. As `scipy.signal.sosfilt`, whose import takes a second.
+    0.5 the noise stays white. Equal to `scipy.signal.sosfilt`, which imports slowly.
     """
     if bandwidth >= 0.5:
         return rng.standard_normal((n_samples, n_signals))

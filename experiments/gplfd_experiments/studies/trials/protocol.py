@@ -212,7 +212,7 @@ def trial_tasks(
 
     ``only`` replaces the policies, without levels in which one of them cannot take
     part; their sources are then left out. ``seeds`` replaces the number of seeds of the
-    part. Another `robot`, or another synthetic human, opens the same doors.
+    part. Another `robot` opens, another synthetic human demonstrates the same doors.
     """
     plan = PARTS[part]
     doors = {

@@ -137,7 +137,7 @@ def fit_dmp(
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
     The forcing term that reproduces it exactly follows from its derivatives and the
-    transformation system; the weights fit it by least squares. Both ends are at rest.
+    transformation system; the weights fit it by least squares. Ends are taken to rest.
     """
     phases, mean = aligned.times, aligned.poses.mean(axis=0)
     errors = compose_rotvecs(mean[-1, 3:], -mean[:, 3:])

@@ -3,8 +3,7 @@
 Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and Autonomous
 Robots 42, 2018. A movement is y(t) = φ(t)ᵀ w + ε with B normalised Gaussian basis
 functions φ, weights w ~ N(μ, Σ), output by output (6 B,), and observation noise ε ~
-N(0, R) per output. Σ is a full matrix over all outputs: observing x also reduces the
-uncertainty of z.
+N(0, R) per output. Σ is a full matrix over all outputs: observing x informs of z.
 
 The covariance of D weight vectors has rank D - 1. Via-points outside the span of the
 demonstrations are missed, or distort the rest of the movement, unless
