@@ -308,11 +308,14 @@ def pictures() -> Table | str:
     for number, arm in itertools.product((6, 50, 200), ("", "-compliant")):
         for kind in ("act", "act-pictures"):
             policy = f"{kind}-{number}{arm}"
-            shares = [
-                [100.0 * share for share in board.by_seed(answers, trials, policy)]
-                for trials in tracks.values()
-            ]
-            cells = (f"{fmean(s):.0f} %\n{min(s):.0f} to {max(s):.0f}" for s in shares)
+            cells = []
+            for trials in tracks.values():
+                cell = "–"
+                if all(policy in board.ran(answers, trial) for trial in trials):
+                    seeds = board.by_seed(answers, trials, policy)
+                    low, mean, high = (100.0 * f(seeds) for f in (min, fmean, max))
+                    cell = f"{mean:.0f} %\n{low:.0f} to {high:.0f}"
+                cells.append(cell)
             seen = "pictures too" if kind != "act" else "state and wrench"
             how = "admittance" if arm else "stiff arm"
             rows.append((f"`learner-{number}`", seen, how, *cells))

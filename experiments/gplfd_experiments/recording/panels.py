@@ -104,7 +104,8 @@ TABS: Final = {
 def all_series(log: EpisodeLog, demonstrated_radius: float) -> Iterator[Chunk]:
     """Return every time series of the layout; those without finite values are left out.
 
-    ``demonstrated_radius`` is the mean radius of demonstrated circles [m], or NaN.
+    ``demonstrated_radius`` is the mean radius of the demonstrated paths [m]; NaN if
+    they are not circles.
     """
     agent, forces = log.decisions, log.forces
     angles = np.degrees(log.opening.door_angle)

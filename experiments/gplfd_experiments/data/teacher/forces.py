@@ -184,8 +184,7 @@ def hand_wrenches(
         torque = effort * handle_torque(door, turns)[:, None]
         if door.hand_offset > 0.0:
             force += torque * arm / door.hand_offset**2
-        # A knob is turned by a moment, which also keeps a lever from being turned by a
-        # pull up or down.
+        # A moment turns a knob, and keeps a pull up or down from turning a lever.
         moment += (torque - (force * arm).sum(axis=1, keepdims=True)) * turn
     moment += np.cross(held - hand, force)
     errors = sensor_rng.standard_normal((times.size + 1, 6))
