@@ -115,6 +115,10 @@ def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
 
 def _as(value: Any, kind: Any) -> Any:
     """Return plain data as a type, or raise TypeError."""
+    if kind is Any or (type(value) is kind and kind is not float):
+        return value
+    if kind is float and type(value) in (int, float) and math.isfinite(value):
+        return float(value)
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:
         for alternative in inner:
@@ -126,10 +130,6 @@ def _as(value: Any, kind: Any) -> Any:
         return tuple(_as(part, inner[0]) for part in value)
     if origin in (dict, Mapping) and type(value) is dict:
         return {name: _as(part, inner[1]) for name, part in value.items()}
-    if kind is float and type(value) in (int, float) and math.isfinite(value):
-        return float(value)
-    if kind is Any or (type(value) is kind and kind is not float):
-        return value
     raise TypeError
 
 

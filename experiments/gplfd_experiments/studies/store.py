@@ -76,7 +76,7 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
         return {}
     metrics: dict[str, Any] = entry(record, "metrics", dict[str, Any])
     kinds = _KINDS if isinstance(task, EpisodeTask) else {"nlpd": float | None}
-    for name in (*kinds, *metrics):
+    for name in {**kinds, **metrics}:
         entry(metrics, name, kinds.get(name, float | None))
     if isinstance(task, EpisodeTask):
         door_config(dict(task.door_config)).replaced({"radius": metrics["radius"]})

@@ -25,6 +25,7 @@ NON_STANDARD: Final = "other doors"
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """Relations of doors to the demonstrated ones of their kind, in display order."""
 
+_TYPES: Final = {kind: typing.get_type_hints(kind) for kind in tasks.KINDS.values()}
 _SAME_RADIUS: Final = 1e-3  # Radii that differ by less count as equal [m].
 _BAND: Final = 0.1  # Width of a band of random radii [m].
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
@@ -214,9 +215,8 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return the result in a file; raise an error if it is invalid."""
     definition = entry(record, "task", dict[str, Any])
     task = tasks.task_from(definition)
-    types = typing.get_type_hints(type(task))
     for name in definition:
-        entry(definition, name, types[name])
+        entry(definition, name, _TYPES[type(task)][name])
     metrics: Mapping[str, Any] = outcome(record, task)
     error = str(record.get("error", "")) or ("" if metrics else "no reason given")
     lost = entry({"lost": False, **record}, "lost", bool)
