@@ -83,8 +83,7 @@ def test_who_stands_in_the_way_never_pulls():
     assert force.max() > 10.0
     assert force.min() == 0.0
     assert_array_equal(force[angles < 0.29], 0.0)
-    # Nor by its damping, when what is still 0.1 mm within reach goes away: 7.5 N of
-    # the spring against 20 N.
+    # Nor by its damping, when what is 0.1 mm in reach goes away: 7.5 N against 20 N.
     sticky = dataclasses.replace(person, contact_damping=400.0, hand_mass=5.0)
     assert PersonHand(sticky, 0.5)._swing(1e-4, -0.05) == 0.0
     assert PersonHand(sticky, 0.5)._swing(1e-4, 0.0) > 0.0

@@ -25,8 +25,7 @@ DRIVING = [
 """Ids under which the base can drive, and how their episodes begin."""
 
 HELD = (1, 20, 5, 20, 60)
-"""Control periods for which an action is held; the first two are drawn from the whole
-space, the others from its corners."""
+"""Control periods of an action: two from the whole space, the others from corners."""
 
 BOLT_NOSE = 0.006
 """A bolt that protrudes by less than its nose and the leaf's gap can slip off [m]."""

@@ -45,8 +45,7 @@ def away(first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, fl
 def test_the_base_is_led_as_if_fixed_to_the_hand(way, comes, y, z, yaw):
     """Seen from the base, the hand stays at the same place.
 
-    A hand that comes also stays in the same direction; one that goes turns by seven
-    tenths of its yaw.
+    A hand that comes keeps its direction; one that goes turns by 7/10 of its yaw.
     """
     x = way if comes else -way
     bx, by, turn = led_by([x, y, z, 0.0, yaw, 0.0], HAND, AXES.T.tolist())

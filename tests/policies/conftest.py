@@ -90,8 +90,7 @@ def fitted_in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Move
 def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     """Learn movements, each once for all methods that learn alike.
 
-    From 80 samples instead of 200, in few iterations, and without type checks: tests
-    of each method have them all.
+    From 80 samples, in few iterations, unchecked types: a method's tests have them all.
     """
     movements: dict[str, Movement] = {}
     lessons = []  # kept, so that no other demonstration gets the identity of one

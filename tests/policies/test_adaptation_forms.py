@@ -105,8 +105,7 @@ def test_answer_does_not_depend_on_the_grid(skill, form):
 
 
 def test_product_depends_on_the_grid():
-    """Every predicted phase counts as one more observation, so σ falls with their
-    number although nothing was learned."""
+    """Every predicted phase counts as an observation: σ falls without learning."""
     skill = fit(smooth_curves(8, 0.15, 0, frequency=2.0))
     points = [via(skill, phase, 0.0) for phase in (0.1, 0.2, 0.3)]
     ends = [

@@ -50,8 +50,7 @@ def held_still(agent, steps, pose=AT_REST, force=(0.0, 0.0, 0.0)):
 def ideal_door(agent, radius, steps):
     """A weightless door: the handle goes to the point of its arc nearest the command.
 
-    The hand feels what a spring of 2000 N/m across the arc would exert. Returns the
-    steps and the angles of the door.
+    The hand feels a spring of 2000 N/m across the arc. Returns steps and door angles.
     """
     angle, force, taken, angles = 0.0, np.zeros(3), [], []
     agent.reset(observed(AT_REST))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_policies import POLICIES, AlignedDemonstrations, TrainingInput
-from gplfd_policies.agents.modes import ModeConfig, ModesAgent
+from gplfd_policies import POLICIES, AlignedDemonstrations, TrainingInput, batch_agents
+from gplfd_policies.agents.modes import ModeConfig, ModesAgent, ModesBatch
 from gplfd_policies.demonstrations.aligned import WITHIN, partition
 
 pytestmark = pytest.mark.slow
@@ -90,3 +90,10 @@ def test_modes_are_given_up_in_turn_at_forces_of_the_formula(modes, counts):
     assert len(given_up) >= 2
     # A force has to last for three steps.
     assert_allclose(given_up, np.array(expected[1:]) + 0.4, atol=0.25)
+
+
+def test_an_agent_that_may_act_differently_is_called_itself(modes):
+    for kind in (ModesAgent, type("Own", (ModesAgent,), {})):
+        agents = [POLICIES["gp"].method.follow(mode.movement) for mode in modes]
+        batch = batch_agents([kind(agents, (1, 1))])
+        assert isinstance(batch, ModesBatch) == (kind is ModesAgent)

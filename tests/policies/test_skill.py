@@ -128,8 +128,7 @@ def test_spectral_and_dense_moments_agree(skill):
         # kernels differ by up to 3e-11 of it.
         prior = scale**2 * fitted.kernel.signal_std**2
         assert_allclose(fast.latent[:, output], variance, atol=1e-10 * prior)
-        # Slopes of a polynomial magnify the rounding of its 48 coefficients: kernels
-        # differ by up to 1.3e-6 here.
+        # Slopes magnify the rounding of 48 coefficients: kernels differ by 1.3e-6.
         assert_allclose(fast.mean_rate[:, output], scale * mean_rate, atol=1e-5)
         assert_allclose(
             fast.latent_rate[:, output], scale**2 * variance_rate, atol=1e-8
