@@ -188,7 +188,7 @@ REFUSED = [
     ("run --skill a --doors small oven", "are of two kinds (they differ in"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),
     ("correct none.npz --port 70000 --device mouse", "--port 70000 must be 0 to"),
-    ("figures --only fig02 fig08", "no figure 'fig08'; figures: fig02, fig03, fig"),
+    ("figures --only fig02 fig08", "unknown figure 'fig08'; known: fig02, fig03, fig"),
     ("benchmark --policies table-1 gp", "gp is given twice in --policies"),
     ("benchmark --seeds 1000000000", "99,000,000,000 tasks are more than the 100,0"),
     ("run --demonstrations-per-door 9999", "door 9999 must be 1 to 1000"),

@@ -88,7 +88,7 @@ def test_labels_say_how_it_ended(record, make_log):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ([], "shows 1 to 6 episodes, got 0"),
+        ([], "0 episodes; a comparison has 1 to 6"),
         ([{}, {}], "policy gp is given twice"),
         ([{}, {"policy": "kmp", "door_config": {"radius": 0.6}}], "another door"),
         ([{"qpos": np.zeros((601, 3))}], "3 generalised positions per step"),

@@ -54,9 +54,7 @@ def record_comparison(
     Raises ValueError for logs that cannot be compared.
     """
     if not 1 <= len(logs) <= len(COLOURS):
-        raise ValueError(
-            f"a comparison shows 1 to {len(COLOURS)} episodes, got {len(logs)}"
-        )
+        raise ValueError(f"{len(logs)} episodes; a comparison has 1 to {len(COLOURS)}")
     names = [log.policy for log in logs]
     for log in logs:
         episode.check_model(log, model)

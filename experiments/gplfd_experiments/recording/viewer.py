@@ -58,9 +58,7 @@ def open_recording(file: Path) -> int:
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
         raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")
     if not file.exists():
-        raise FileNotFoundError(
-            f"there is no file {file}; `gplfd run` writes recordings"
-        )
+        raise FileNotFoundError(f"there is no file {file}; `gplfd run` writes one")
     with regular_file(file, "a Rerun recording (.rrd)").open("rb") as stream:
         beginning = stream.read(len(BEGINNING))
     if beginning == BEGINNING:

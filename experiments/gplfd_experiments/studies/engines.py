@@ -8,16 +8,12 @@ import os
 import re
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Future,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any, Literal, TypeVar
 
 ItemT = TypeVar("ItemT")
@@ -78,38 +74,70 @@ class Engine:
             return
         # No worker imports a file such as `re.py` from the working folder.
         os.environ["PYTHONSAFEPATH"] = "1"
-        lost: list[tuple[ItemT, Lost]] = []
+        # Interrupted, a call of loky can leave a lock taken for which its threads then
+        # wait for ever. Only the main thread is interrupted: it makes no such call.
+        results, ended = SimpleQueue[Any](), SimpleQueue[Any]()
+
+        def put_results() -> None:
+            # Workers inherit it, and leave Ctrl-C to the parent from their beginning.
+            if hasattr(signal, "pthread_sigmask"):
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                for result in self._results(work, items, ended):
+                    results.put(result)
+                results.put(None)
+            except BaseException as error:
+                results.put(error)
+
+        thread = threading.Thread(target=put_results)
+        thread.start()
         warned = set[str]()
+        try:
+            while (result := results.get()) is not None:
+                if isinstance(result, BaseException):
+                    raise result
+                item, outcome, texts = result
+                for text in texts:
+                    # Those of other seeds differ in numbers only.
+                    kind = re.sub(r"\d[\d.e-]*", "", text)
+                    if kind not in warned:
+                        warned.add(kind)
+                        warnings.warn(text, stacklevel=1)
+                yield item, outcome
+        finally:
+            ended.put(None)
+            thread.join()
+
+    def _results(
+        self, work: Callable[[Any], Any], items: Sequence[Any], ended: SimpleQueue[Any]
+    ) -> Iterator[tuple[Any, Any, Sequence[str]]]:
+        """Yield items, results and warnings until None is among the ended calls."""
+        lost: list[tuple[Any, Lost]] = []
         with self._workers() as (submit, number):
             for at_once in (number, 1):
                 waiting = iter([item for item, _ in lost] if lost else items)
-                running: dict[Future[Any], ItemT] = {}
+                running: dict[Future[Any], Any] = {}
                 lost = []
                 while True:
                     for item in itertools.islice(waiting, at_once - len(running)):
-                        running[submit(_with_warnings, work, item)] = item
+                        call = submit(_with_warnings, work, item)
+                        running[call] = item
+                        call.add_done_callback(ended.put)
                     if not running:
                         break
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        item = running.pop(future)
-                        try:
-                            result, texts = future.result()
-                        except (OSError, CancelledError):
-                            raise
-                        # The work never raises: a worker died or cannot import it.
-                        except Exception as error:
-                            lost.append((item, Lost(_reason(error))))
-                            continue
-                        for text in texts:
-                            # Those of other seeds differ in numbers only.
-                            kind = re.sub(r"\d[\d.e-]*", "", text)
-                            if kind not in warned:
-                                warned.add(kind)
-                                warnings.warn(text, stacklevel=1)
-                        yield item, result
+                    if (call := ended.get()) is None:
+                        return
+                    item = running.pop(call)
+                    try:
+                        yield item, *call.result()
+                    except (OSError, CancelledError):
+                        raise
+                    # The work never raises: a worker died or cannot import it.
+                    except Exception as error:
+                        lost.append((item, Lost(_reason(error))))
                 if not lost:
                     return
-        yield from lost
+        yield from ((item, reason, ()) for item, reason in lost)
 
     @contextlib.contextmanager
     def _workers(self) -> Iterator[tuple[Callable[..., Future[Any]], int]]:
@@ -141,9 +169,7 @@ class Engine:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         client_type: Any = distributed.Client  # Its annotations are incomplete.
         try:
-            with client_type(
-                self.address, timeout=10.0, set_as_default=False
-            ) as client:
+            with client_type(self.address, timeout=10, set_as_default=False) as client:
                 client.wait_for_workers(1, timeout=60.0)
                 # Dask itself hands them out to its workers.
                 yield client.get_executor(pure=False).submit, sys.maxsize

@@ -411,9 +411,7 @@ class Lesson(ABC):
             recorded = self.motion
             rests, times = alignment.without_rests(recorded)[1], recorded.times
         except ValueError:
-            raise ValueError(
-                "There is no demonstration: the hand did not move"
-            ) from None
+            raise ValueError("No demonstration: the hand did not move") from None
         paused = [(times >= rest.start) & (times < rest.end) for rest in rests]
         return np.flatnonzero(~np.any([times < 0.0, *paused], axis=0)).tolist()
 

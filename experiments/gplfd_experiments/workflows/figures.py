@@ -45,9 +45,7 @@ def draw_figures(
 ) -> int:
     """Make the runs of some or all figures, draw them, and return their number."""
     if unknown := sorted(set(only) - set(FIGURES)):
-        raise ValueError(
-            f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
-        )
+        raise ValueError(f"unknown figure {unknown[0]!r}; known: {', '.join(FIGURES)}")
     arguments.check_least("--seed", seed, 0)
     arguments.check_folder(folder)
     write_json(folder / "figures.json", provenance(options))

@@ -121,7 +121,11 @@ def open_doors(
             if file := videos.get(task.door):
                 count = video.write_video(file, log, model)
                 LOG.info(f"wrote {file} ({count} pictures, {count / video.RATE:.1f} s)")
-            if joint := _at_limit(log, model, body.arm):
+            low, high = model.jnt_range[[model.joint(name).id for name in body.arm]].T
+            angles = log.motion.joint_pos
+            margins = np.minimum(angles - low, high - angles).min(axis=0)
+            if margins.min() < 0.01:
+                joint = body.arm[int(margins.argmin())]
                 LOG.warning("warning: %s: %s came to a limit", task.door, joint)
             why = why_closed(log.failure, log.reason)
             ended = f"not opened ({why})" if why else "opened"
@@ -130,13 +134,6 @@ def open_doors(
         metrics = [rows[task.door] for task in tasks if task.door in rows]
         write_json(folder / METRICS, metrics)
     return metrics
-
-
-def _at_limit(log: EpisodeLog, model: mujoco.MjModel, arm: Sequence[str]) -> str | None:
-    low, high = model.jnt_range[[model.joint(name).id for name in arm]].T
-    angles = log.motion.joint_pos
-    margins = np.minimum(angles - low, high - angles).min(axis=0)
-    return arm[int(margins.argmin())] if margins.min() < 0.01 else None
 
 
 def episode_tasks(

@@ -135,9 +135,7 @@ def read_results(*folders: Path) -> StudyResults:
     unreadable: list[str] = []
     for number, folder in enumerate(folders):
         if not folder.is_dir():
-            raise FileNotFoundError(
-                f"there is no folder {folder}; give that of a study"
-            )
+            raise FileNotFoundError(f"there is no folder {folder}; give a study's")
         # Names of unfinished files begin with a dot.
         files = sorted((folder / TASKS).glob("[!.]*.json"))
         if not files:

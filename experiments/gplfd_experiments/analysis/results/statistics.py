@@ -184,9 +184,7 @@ def _signed_rank_quantile(n: int) -> int:
     tail = 0.5 * (1.0 - _LEVEL)
     if n > _EXACT_UP_TO:
         spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
-        return max(
-            1, math.floor(n * (n + 1) / 4.0 + scipy.special.ndtri(tail) * spread)
-        )
+        return max(1, math.floor(n * (n + 1) / 4 + scipy.special.ndtri(tail) * spread))
     # ways[s]: number of the 2ⁿ sign combinations with the rank sum s.
     ways = np.zeros(n * (n + 1) // 2 + 1)
     ways[0] = 1.0

@@ -73,8 +73,11 @@ def prepare(
             raise ValueError("; ".join([f"{name}: {error}", *doubts])) from error
     if not motions:
         raise ValueError("there is no recording")
-    ways = np.array([_way(motion.demonstration) for motion in motions])
+    ways = np.empty((len(motions), _COMPARED, 6))  # Poses at equal steps of time.
     for place, motion in enumerate(motions):
+        times, poses = motion.demonstration.times, motion.demonstration.poses
+        equal = np.linspace(times[0], times[-1], _COMPARED)
+        ways[place] = interpolated(equal, times, poses)
         apart = np.abs(ways[:place] - ways[place]) <= _SAME
         if (same := np.flatnonzero(apart.all(axis=(1, 2)))).size:
             motion.notes.warn(f"the same motion as {same[0]}: leave it out")
@@ -141,12 +144,6 @@ def _motion(
         recorded=recorded,
         notes=notes,
     )
-
-
-def _way(motion: Demonstration) -> FloatArray:
-    """Return poses at equal steps of time [m, rad], (`_COMPARED`, 6)."""
-    times = np.linspace(motion.times[0], motion.times[-1], _COMPARED)
-    return interpolated(times, motion.times, motion.poses)
 
 
 def _demonstration(samples: Samples) -> Demonstration:

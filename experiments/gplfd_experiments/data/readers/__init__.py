@@ -124,7 +124,9 @@ def read_files(
         try:
             child.submit(os.getpid).result()  # It has imported its libraries.
             for path, reader in zip(files, readers, strict=True):
-                *_, seconds = limits = _limits(path)
+                inside = path.rglob("*") if path.is_dir() else [path]
+                size = sum(file.stat().st_size for file in inside if file.is_file())
+                *_, seconds = limits = [least + by * size for least, by in _LIMITS]
                 try:
                     reading = child.submit(_limited, path, settings, limits)
                     outcome = reading.result(_WAITING * seconds)
@@ -139,13 +141,6 @@ def read_files(
                 yield outcome
         finally:
             child.shutdown(kill_workers=True)
-
-
-def _limits(path: Path) -> list[float]:
-    """Return memory [bytes], written bytes, samples and processor time [s]."""
-    files = path.rglob("*") if path.is_dir() else [path]
-    size = sum(file.stat().st_size for file in files if file.is_file())
-    return [least + per_byte * size for least, per_byte in _LIMITS]
 
 
 def _silent() -> None:

@@ -61,9 +61,7 @@ def demonstrate(
         turns += door.handle_travel * trapezoid(times / pressing, 0.5, 0.5)
     path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
     handle = Rotation.from_rotvec(path[:, 3:])
-    slide = np.outer(
-        trapezoid(times / times[-1], rise, fall), rng.uniform(-1.0, 1.0, 3)
-    )
+    slide = np.outer(trapezoid(times / times[-1], rise, fall), rng.uniform(-1, 1, 3))
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
     tremor = np.sin(2.0 * np.pi * rng.uniform(*_FREQUENCY) * times[:, None] + phases)
     positions = path[:, :3] + _TREMOR * tremor

@@ -37,15 +37,15 @@ class Mark(NamedTuple):
     passed: bool | None
 
 
-def _criterion(row: str, entry: Mapping[str, Any]) -> Criterion:
-    """Return the criterion for a table of criteria.toml."""
-    limits = tuple(Limit(**limit) for limit in entry["limits"])
-    return Criterion(row, limits, entry["sentence"], frozenset(entry["paper"]))
-
-
 _FILE: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 CRITERIA: Final[Mapping[str, Criterion]] = {
-    row: _criterion(row, entry) for row, entry in _FILE.items()
+    row: Criterion(
+        row,
+        tuple(Limit(**limit) for limit in entry["limits"]),
+        entry["sentence"],
+        frozenset(entry["paper"]),
+    )
+    for row, entry in _FILE.items()
 }
 """Rows of Table 1 in the paper's order."""
 

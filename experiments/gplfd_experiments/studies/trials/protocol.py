@@ -154,9 +154,7 @@ def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
         yield name, Trial(levels=levels, contrasts=tuple(contrasts), **trial)
 
 
-_FILE: Final = tomllib.loads(
-    Path(__file__).with_name("protocol.toml").read_text("utf-8")
-)
+_FILE: Final = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 TRIALS: Final[Mapping[str, Trial]] = dict(_trials(_FILE))
 """Every trial by its name."""
 
