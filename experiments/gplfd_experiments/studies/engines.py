@@ -149,15 +149,18 @@ class Engine:
             number = self.workers or joblib.cpu_count()
             warnings.filterwarnings("ignore", "A worker stopped")  # It is replaced.
 
-            def executor() -> Any:  # A new one after the death of a worker.
-                return get_reusable_executor(number, initializer=_begin_worker)
+            pool: Any = get_reusable_executor(number, initializer=_begin_worker)
+
+            def submit(*call: Any) -> Any:
+                nonlocal pool  # A new one after the death of a worker.
+                pool = get_reusable_executor(number, initializer=_begin_worker)
+                return pool.submit(*call)
 
             try:
-                yield lambda *call: executor().submit(*call), number
+                yield submit, number
             finally:
                 # Killed first: loky's own `kill_workers` ends its thread with a
                 # traceback where a call was not yet taken up.
-                pool = executor()
                 for worker in [*pool._processes.values()]:
                     worker.terminate()
                 pool.shutdown()
