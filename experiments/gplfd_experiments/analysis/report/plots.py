@@ -139,8 +139,8 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
                         errors.setdefault(progress, []).append(error)
             if errors:
                 steps = sorted(errors)
-                marks = [np.percentile(errors[step], (25, 50, 75)) for step in steps]
-                low, middle, high = np.transpose(marks)
+                bands = [np.percentile(errors[step], (25, 50, 75)) for step in steps]
+                low, middle, high = np.transpose(bands)
                 axes.fill_between(steps, low, high, color=tint, **style.BAND)
                 points.extend(zip(steps, middle, strict=True))
     return figure
