@@ -94,10 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 from gplfd_experiments.studies.settings import settings_named
 
                 # The settings of a file are the defaults of the options.
-                benchmark = partial(
-                    studies.Benchmark, study=settings_named(command.config)
-                )
-                command = _parse(words, {**COMMANDS, "benchmark": benchmark})
+                named = partial(studies.Benchmark, study=settings_named(command.config))
+                command = _parse(words, {**COMMANDS, "benchmark": named})
             quiet = getattr(command, "quiet", False)
             level = logging.WARNING if quiet else logging.INFO
             LOG.setLevel(logging.DEBUG if debug else level)

@@ -492,9 +492,7 @@ class CorrectionLesson(Lesson):
         """Return the correction; raise a ValueError if there is none."""
         correction = self._agent.correction(door=self.task.door, seed=self.task.seed)
         if correction is None:
-            raise ValueError(
-                f"{self._ended}. The hand was not led: there is nothing to keep"
-            )
+            raise ValueError(f"{self._ended}. The hand was not led: nothing to keep")
         if self._info["failure"] in (LOST, "simulation_error"):
             raise ValueError(f"{self._ended}. This gives no correction")
         return replace(correction, device=self._device, inputs=np.array(self._inputs))

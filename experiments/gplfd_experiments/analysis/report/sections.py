@@ -381,9 +381,7 @@ def learning_section(tests: Results, title: str, *lead: Block) -> Section:
         for held_out, left_out in _LEFT_OUT.items()
         if (here := [test for test in those if test.left_out == held_out])
     }
-    metrics = [
-        n for n in measures.PREDICTED if any(t.number(n) is not None for t in tests)
-    ]
+    metrics = [n for n in measures.PREDICTED if {t.number(n) for t in tests} - {None}]
     table = document.policy_table(
         groups or {"": measures.grouped(tests, "policy")},
         partial(_medians, ("n", *metrics)),
