@@ -35,8 +35,8 @@ class GriddedMovement:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
         self.learned, self.n_grid = movement, n_grid
-        grid = np.linspace(0.0, 1.0, n_grid)
-        self._unadapted = begin_adaptation(movement, form, grid)
+        self._grid = np.linspace(0.0, 1.0, n_grid)
+        self._unadapted = begin_adaptation(movement, form, self._grid)
         self.distribution = copy.deepcopy(self._unadapted)
         self._adapted, self._seen = False, 0.0
 
@@ -69,8 +69,7 @@ class GriddedMovement:
     def drift(self) -> Outputs:
         """Error of the extrapolation beyond the seen phases, added to σ [m, rad]."""
         aligned = self.learned.aligned
-        grid = np.linspace(0.0, 1.0, self.n_grid)
-        unseen = np.maximum(grid - max(aligned.end, self._seen), 0.0)
+        unseen = np.maximum(self._grid - max(aligned.end, self._seen), 0.0)
         return np.asarray(unseen[:, None] * aligned.drift)
 
 

@@ -17,7 +17,6 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.arrays.records import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
@@ -64,6 +63,7 @@ class SimilarityAdaptation:
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
         self._spread = np.maximum(predicted.std[:, _OTHERS], _LEAST_STD)
+        self._moments = np.hstack([self._expected, self._spread]).T.copy()
         self._phase, self._state = float(grid[0]), np.zeros((3, 4))
         self._covariance = np.zeros((3, 3, 4))
         self._covariance += np.diag([1.0, 1.0, self._rate**2])[:, :, None]
@@ -85,10 +85,8 @@ class SimilarityAdaptation:
             (self.sizes,) = posteriors([self._path])
 
         # Height and rotation: one scalar Kalman filter each.
-        expected, spread = (
-            interpolated(np.array([phase]), self._grid, curves)[0]
-            for curves in (self._expected, self._spread)
-        )
+        moments = [np.interp(phase, self._grid, curve) for curve in self._moments]
+        expected, spread = np.reshape(moments, (2, 4))
         noise = np.maximum(noise[_OTHERS], (_STRONGEST * spread) ** 2)
         step = np.full(4, max(phase - self._phase, 0.0))
         self._phase = max(phase, self._phase)
@@ -118,9 +116,10 @@ class SimilarityAdaptation:
         path = paths @ weights
         mean[:, 0] = path.real + self._apart[:, 0]
         mean[:, 2] = -path.imag + self._apart[:, 1]
-        apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
+        # x and z of the deviations in size, and in angle: i times the path.
+        apart, turn = paths - path[:, None], -np.sqrt(angles)
         dx, dz = apart.real, -apart.imag
-        ax, az = across.real, -across.imag
+        ax, az = paths.imag * turn, paths.real * turn
         tangent = gradient(path)
         along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
         tx, tz = along.real, -along.imag

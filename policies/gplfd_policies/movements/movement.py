@@ -277,7 +277,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
         raise ValueError(
             f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
         )
-    return np.array(np.broadcast_to(numbers, (6,)), dtype=np.float64)
+    return np.full(6, numbers, dtype=np.float64)
 
 
 @runtime_checkable
