@@ -83,9 +83,7 @@ def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
         return np.ones(n, dtype=bool)
     array = np.asarray(mask)
     if array.shape != (n,) or array.dtype != np.bool_ or not array.any():
-        raise ValueError(
-            f"reset_mask must be {n} booleans, not all False, got {mask!r}"
-        )
+        raise ValueError(f"reset_mask must be {n} booleans, not all False: {mask!r}")
     if not begun and not array.all():
         raise ValueError("the first reset must reset all simulations; omit the mask")
     return array

@@ -72,9 +72,7 @@ class DoorGeometry:
         hinge, axis = (np.array(vector, float) for vector in (self.hinge, self.axis))
         for name, vector in (("hinge", hinge), ("axis", axis)):
             if vector.shape != (3,) or not np.isfinite(vector).all():
-                raise ValueError(
-                    f"DoorGeometry.{name} must be three numbers, got {vector}"
-                )
+                raise ValueError(f"DoorGeometry.{name} needs three numbers: {vector}")
         length = math.sqrt(axis @ axis)
         axis = axis / length if length > 0.0 else axis
         hinge = hinge - (hinge @ axis) * axis

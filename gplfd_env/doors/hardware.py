@@ -32,8 +32,7 @@ EN_1154: Final = {
 }
 """Rows by power size."""
 
-# Angle at which a closer's additional moment near the frame reaches zero [rad]; own
-# assumption.
+# Angle at which a closer's additional moment near the frame is zero [rad]; assumed.
 _FADED: Final = math.radians(30.0)
 
 LEAF_HEIGHT: Final = 1.972
@@ -50,8 +49,7 @@ BEARINGS: Final = {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
 CLEAR_WAY: Final = 0.85
 """Share of its clear way that a leaf without a hinge has moved at `SUCCESS_ANGLE`."""
 
-# Damping of a moving leaf, and the additional soft-close damping [N s/m]; own
-# assumptions.
+# Damping of a moving leaf, and the additional soft-close damping [N s/m]; assumed.
 _ROLLER_DAMPING: Final = 8.0
 _SOFT_CLOSE_DAMPING: Final = 60.0
 _SOFT_CLOSE_WAY: Final = 0.1

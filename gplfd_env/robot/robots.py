@@ -66,13 +66,20 @@ def _named(name: str) -> RobotConfig:
     )
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    names = [name for name, _ in pairs]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"it gives {twice[0]} twice")
+    return dict(pairs)
+
+
 @lru_cache(maxsize=16)
 def _of_file(name: str, content: tuple[bytes, ...]) -> RobotConfig:
     if name.endswith(".urdf"):
         return robot_of_urdf(name)
     file = Path(name)
     try:
-        arguments = json.loads(content[0])
+        arguments = json.loads(content[0], object_pairs_hook=_once)
         path = file.parent / arguments.pop("path")
         lists = {key: tuple(v) for key, v in arguments.items() if isinstance(v, list)}
         return robot_of_urdf(path, **arguments | lists)

@@ -53,9 +53,7 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
     ):
         limits = {"limited": True, "range": reach, "solref_limit": [0.0, 0.0]}
         softness = {"solimp_limit": [_SOFT, _SOFT, 0.001, 0.5, 2.0]}
-        damper = spec.add_tendon(
-            name=name, springlength=[0.0, 0.0], **limits, **softness
-        )
+        damper = spec.add_tendon(name=name, springlength=[0, 0], **limits, **softness)
         damper.wrap_joint("hinge", 1.0)
 
 

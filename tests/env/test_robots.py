@@ -158,12 +158,12 @@ def test_a_file_describes_a_robot(tmp_path):
     assert (robot.base, robot.tool) == ("mobile", "panda_hand")
     env = gym.make(ENVIRONMENT_ID, robot=file, door="medium").unwrapped
     assert env.model.joint("base_yaw_joint").id >= 0, "its base is the file's"
-    file.write_text(json.dumps(described_arm | {"hand": "panda_hand"}))
-    other = file.rename(tmp_path / "other.json")
-    with pytest.raises(
-        ValueError, match=r"other\.json does not describe a robot.*hand"
-    ):
-        robot_named(str(other))
+    other = tmp_path / "other.json"
+    for text in (json.dumps(described_arm | {"hand": 1}), '{"base": 1, "base": 2}'):
+        other.write_text(text)
+        said = r"other\.json does not describe a robot: .*(hand|it gives base twice)"
+        with pytest.raises(ValueError, match=said):
+            robot_named(str(other))
 
 
 @pytest.mark.parametrize(
