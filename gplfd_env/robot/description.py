@@ -106,9 +106,7 @@ def _check_tree(tree: ET.Element) -> None:
         ends = [joint.find(end) for end in ("parent", "child")]
         parent, child = ("" if e is None else e.get("link", "") for e in ends)
         if unknown := {parent, child} - {*names}:
-            raise ValueError(
-                f"joint {joint.get('name')} joins {min(unknown)!r}, no link"
-            )
+            raise ValueError(f"{joint.get('name')} joins {min(unknown)!r}, no link")
         if child in parents:
             raise ValueError(f"link {child} is the child of several joints")
         parents[child] = parent
@@ -131,6 +129,10 @@ def _read(path: str, content: bytes) -> tuple[Any, str]:
             raise ValueError("it is a xacro file; `xacro FILE > arm.urdf` makes a URDF")
         _check_tree(tree)
         for element in tree.iter():
+            for attribute in ("xyz", "rpy"):
+                numbers = element.get(attribute, "")
+                if not np.isfinite([float(n) for n in numbers.split()]).all():
+                    raise ValueError(f"{element.tag} has {attribute}={numbers!r}")
             for attribute in ("name", "link", "joint"):
                 if element.tag != "visual" and attribute in element.attrib:
                     element.set(attribute, prefixed(element.attrib[attribute]))

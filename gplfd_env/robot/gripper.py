@@ -17,8 +17,7 @@ AT_REST: Final = (0.09, 0.002, 0.25)
 hand is within this distance of the believed grasp [m] and has moved by less than this
 [m] for this long [s] ..."""
 RELEASE_DISTANCE: Final = 0.04
-"""... and opens again when the hand, holding nothing, is this far from that place
-[m]."""
+"""... and opens again when the empty hand is this far from that place [m]."""
 
 
 class Gripper:

@@ -259,10 +259,10 @@ def test_a_last_joint_that_may_be_a_grippers_is_asked_about(tmp_path):
     ("old", "new", "message"),
     [
         (UR5E.read_text(), "", "is not a URDF of an arm"),
-        ('effort="150"', 'effort="0"', r"effort of shoulder_pan_joint.*\.json: .eff"),
-        ('effort="150"', 'effort="0"', "would mean no limit; write in <limit>"),
+        ('effort="150"', 'effort="0"', r"in <limit>.*effort of should.*\.json: .eff"),
         ('effort="150"', 'effort="inf"', "more than 100000 N m would mean no limit"),
         ('effort="150"', 'effort="nan"', "would mean no limit"),
+        ('rpy="0 0 0"', 'rpy="0 nan 0"', "origin has rpy='0 nan 0'"),
         ('velocity="3.1415926536"', "", "velocity of shoulder_pan_joint.*rad/s"),
         ('velocity="3.', 'velocity="9999993.', "more than 1000 rad/s would mean no"),
         (LIMIT, '<limit lower="-360" upper="360"', "-360 to 360; give .* not deg"),
