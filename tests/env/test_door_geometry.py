@@ -91,7 +91,7 @@ def test_angles_and_directions_are_those_of_the_poses(hinge, axis):
     [
         ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), "not pass through the handle"),
         ((0.0, 0.0, -0.5), (0.0, 0.0, 0.0), "must have a direction"),
-        ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis must be three"),
+        ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis needs three"),
     ],
 )
 def test_impossible_doors_are_refused(hinge, axis, message):
