@@ -12,7 +12,7 @@ def main() -> int:
     for stream in filter(None, (sys.stdout, sys.stderr)):
         # An ASCII terminal gets escapes instead of an error.
         stream.reconfigure(errors="backslashreplace")
-    # Collections of what imports make, and one at the end, take an eighth of a `run`.
+    # Collections of what imports make, and one at the end, take a sixth of a `run`.
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)
     # `kill` and `timeout` end a study as Ctrl-C does: with its worker processes.
