@@ -44,17 +44,17 @@ def opened(policy, *doors, seeds=(0, 0, 0), **options):
     """The logs of a policy at some doors, each opened once."""
     make = agents_of(policy, tuple(doors[0].kind.values()))
     options |= {"autoreset_mode": "Disabled", "num_threads": 1}
-    count = len(doors)
-    envs = gym.make_vec(ENVIRONMENT_ID, num_envs=count, door=list(doors), **options)
+    envs = gym.make_vec(ENVIRONMENT_ID, len(doors), door=list(doors), **options)
     with contextlib.closing(envs):
-        return rollouts(
+        logs = rollouts(
             envs,
             batch_agents([make() for _ in doors]),
             policy=policy,
             doors=[f"{door.radius:g}" for door in doors],
-            seeds=seeds[:count],
+            seeds=seeds[: len(doors)],
             forecast_period=None,
         )
+        return tuple(logs)
 
 
 @pytest.mark.parametrize(

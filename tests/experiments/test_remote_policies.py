@@ -175,7 +175,7 @@ def test_chunks_are_executed_open_loop_in_every_form(form, served):
     metadata = {"control": form}
     address = served(handle, pack(metadata))
     agents = [Here(form), ChunkAgent(address, json.dumps(metadata))]
-    logs = [open_together(tasks("gp"), [agent])[0] for agent in agents]
+    logs = [next(open_together(tasks("gp"), [agent])) for agent in agents]
     assert len(asked) == -(-len(logs[0].times) // HORIZON)
     for part in ("motion", "opening", "forces", "decisions"):
         for name in arrays_of(PARTS[part]).keys() - {"latency_s", "latency_wall_s"}:
@@ -321,7 +321,7 @@ def test_a_served_agent_answers_in_this_protocol_and_stays_safe():
             assert json.loads(metadata)["limits"]["force"] == 200.0
             agents = [make_agent("reflex", ()), ChunkAgent(address, metadata)]
             # At once, as in lockstep: each connection has an agent and limits.
-            logs = open_together(tasks("reflex") * 2, agents)
+            logs = list(open_together(tasks("reflex") * 2, agents))
             for name in ("ee_pose", "qpos"):
                 here, there = (getattr(log.motion, name) for log in logs)
                 assert here.tobytes() == there.tobytes()

@@ -174,7 +174,7 @@ def in_lockstep(
     settings = {"door": DOORS, "autoreset_mode": "Disabled", **options}
     envs: Any = gym.make_vec(ENVIRONMENT_IDS[agents.control], len(DOORS), **settings)
     names = [str(door) for door in DOORS]
-    return rollouts(envs, agents, policy=policy, doors=names, seeds=SEEDS)
+    return tuple(rollouts(envs, agents, policy=policy, doors=names, seeds=SEEDS))
 
 
 @pytest.mark.bits

@@ -112,10 +112,8 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
             if not isinstance(value, str) and name not in ("radius", "leaf.width"):
                 allowed = _range_of(name)
                 limited[name] = nearest = min(max(value, allowed.low), allowed.high)
-                outside = (
-                    f"{name} = {value:g} is outside {allowed}; {nearest:g} instead"
-                )
-                spec.lose(nearest != value, outside)
+                change = f"{name} = {value:g} is outside {allowed}; {nearest:g} instead"
+                spec.lose(nearest != value, change)
         if limited["leaf.backset"] != fields["leaf.backset"]:
             limited["leaf.width"] = None
         arguments: _Fields = {}

@@ -5,7 +5,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -57,23 +57,22 @@ def rollout(
     observation, info = env.reset(seed=seed)
     agent.inform(inner.door_geometry)
     agent.reset(observation)
-    rows: list[Arrays] = []
+    steps = _Steps()
     forecasts = ForecastRecorder([agent.forecast], forecast_period)
     ended = truncated = False
     while True:
         now = float(observation["time"][0])
         forecasts.take_if_due(np.array([now]), info["door_angle"], np.array([ended]))
-        decision, cpu, wall = _timed(partial(agent.act, observation), len(rows))
+        decision, cpu, wall = _timed(partial(agent.act, observation), steps.count)
         state = {"times": now, "qpos": inner.data.qpos, "solved": info["success"]}
         latency = {"latency_s": cpu, "latency_wall_s": wall}
-        rows.append(_row(observation, info, decision, state | latency))
+        steps.add({**info, **observation, **state, **latency}, decision)
         if ended:
-            names = {"policy": policy, "door": door, "seed": seed}
-            arrays = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
-            return _log(arrays, forecasts.of(0), info, inner.door, truncated, **names)
-        observation, _, terminated, truncated, info = env.step(
-            decision.command(agent.control)
-        )
+            names: Any = {"policy": policy, "door": door, "seed": seed}
+            logged = forecasts.of(0), info, inner.door, truncated
+            return _log(steps.arrays, *logged, **names)
+        command = decision.command(agent.control)
+        observation, _, terminated, truncated, info = env.step(command)
         ended = terminated or truncated
 
 
@@ -87,8 +86,8 @@ def rollouts(
     forecast_period: float | None = 0.35,
     forecast_angles: FloatArray | None = None,
     before_step: Callable[[], None] = lambda: None,
-) -> tuple[EpisodeLog, ...]:
-    """Let every agent open its door once, and log each episode as `rollout` does.
+) -> Iterator[EpisodeLog]:
+    """Let every agent open its door once; return logs as of `rollout`, made when taken.
 
     The N simulations have ``autoreset_mode="Disabled"``. Without a period [s] there are
     no forecasts; with angles of the doors (N, P) [rad], only the first ones after
@@ -107,7 +106,7 @@ def rollouts(
     observations, infos = envs.reset(seed=list(seeds))
     agents.inform(envs.door_geometries)
     agents.reset(observations)
-    rows: list[Arrays] = []
+    steps = _Steps()
     asked = [partial(agents.forecast, row) for row in range(envs.num_envs)]
     forecasts = ForecastRecorder(asked, forecast_period, forecast_angles)
     lengths = np.zeros(envs.num_envs, dtype=int)
@@ -117,27 +116,24 @@ def rollouts(
         before_step()
         times = observations["time"][:, 0]
         forecasts.take_if_due(times, infos["door_angle"], ended, acting)
-        decided, cpu, wall = _timed(
-            partial(agents.act, observations, acting), len(rows)
-        )
+        act = partial(agents.act, observations, acting)
+        decided, cpu, wall = _timed(act, steps.count)
         state = {"times": times, "qpos": envs.qpos, "solved": infos["success"]}
         shares = np.array([[cpu], [wall]]) / np.count_nonzero(acting)
         cpus, walls = np.broadcast_to(shares, (2, envs.num_envs))
         latency = {"latency_s": cpus, "latency_wall_s": walls}
-        rows.append(_row(observations, infos, decided, state | latency))
+        steps.add({**infos, **observations, **state, **latency}, decided)
         lengths += acting
         # An episode's last row is the state in which it ended.
         acting = acting & ~ended
         if not acting.any():
             break
-        observations, _, terminated, truncated, infos = envs.step(
-            decided.command(agents.control)
-        )
+        command = decided.command(agents.control)
+        observations, _, terminated, truncated, infos = envs.step(command)
         ended = terminated | truncated
-    together = {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
-    return tuple(
+    return (
         _log(
-            {name: array[: lengths[row], row] for name, array in together.items()},
+            {name: array[: lengths[row], row] for name, array in steps.arrays.items()},
             forecasts.of(row),
             {name: infos[name][row] for name in ("failure", "reason")},
             envs.variations[row].door,
@@ -150,18 +146,32 @@ def rollouts(
     )
 
 
-def _row(
-    observation: Mapping[str, NDArray[np.float64]],
-    info: Mapping[str, Any],
-    step: object,
-    measured: Mapping[str, Any],
-) -> Arrays:
-    """Return copies of all quantities of a control step, of one episode or of N."""
-    values = {**info, **observation, **measured}
-    return {
-        name: np.copy(values[name] if name in values else getattr(step, name))
-        for name in ("times", *PER_STEP)
-    }
+class _Steps:
+    """Quantities of control steps, of one episode or of N, in arrays that double.
+
+    Small arrays would fragment the memory, so that the process keeps what they free.
+    """
+
+    def __init__(self) -> None:
+        self.count, self._grown = 0, Arrays()
+
+    def add(self, values: Mapping[str, Any], decided: object) -> None:
+        """Copy all quantities of a control step."""
+        for name in ("times", *PER_STEP):
+            now = np.asarray(values[name] if name in values else getattr(decided, name))
+            array = self._grown.get(name, np.empty((0, *now.shape)))
+            if self.count == len(array):
+                dtype = bool if now.dtype == bool else np.float64
+                grown = np.empty((2 * self.count or 128, *now.shape), dtype)
+                grown[: self.count] = array
+                array = self._grown[name] = grown
+            array[self.count] = now
+        self.count += 1
+
+    @property
+    def arrays(self) -> Arrays:
+        """All quantities, with a row per step; live."""
+        return {name: array[: self.count] for name, array in self._grown.items()}
 
 
 class ForecastRecorder:

@@ -149,9 +149,7 @@ def markdown_page(page: Sequence[Section]) -> str:
     """Return a page as one text of Markdown."""
     parts = []
     for section in page:
-        parts.append(
-            f"{'#' if section is page[0] else '##'} {_unmarked(section.title)}"
-        )
+        parts.append(f"#{'#' * (section is not page[0])} {_unmarked(section.title)}")
         for block in section.blocks:
             match block:
                 case Text(text, "verbatim"):

@@ -215,11 +215,8 @@ def c3d(path: Path, settings: ImportSettings) -> list[RawRecording]:
             f"POINT:UNITS is {unit!r:.40}, known are {', '.join(METRES)}; say --units"
         )
     name, times = f"{path.name}: {body}", np.arange(count) / rate
-    return [
-        RawRecording(
-            name, positions, unit if unit in METRES else None, times, quaternions
-        )
-    ]
+    known = unit if unit in METRES else None
+    return [RawRecording(name, positions, known, times, quaternions)]
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:

@@ -303,9 +303,7 @@ def with_reaches(
     A signal says whether the hand holds the handle.
     """
     whole = tuple(map(join_at_grasp, reaches, openings))
-    grasped = [
-        {GRASPED: (joined.times[:, None] >= 0.0).astype(float)} for joined in whole
-    ]
+    grasped = [{GRASPED: (x.times[:, None] >= 0.0).astype(float)} for x in whole]
     return LabelledDemonstrations(
         demonstrations=whole, radii=tuple(radii), signals=tuple(grasped)
     )

@@ -36,9 +36,8 @@ def trapezoid(progress: FloatArray, rise: float, fall: float) -> FloatArray:
     way = t - 0.5 * rise
     way = np.where(t < rise, 0.5 * t**2 / rise, way)
     end = 1.0 - 0.5 * rise - 0.5 * fall
-    return np.asarray(
-        np.where(t > 1.0 - fall, end - 0.5 * (1.0 - t) ** 2 / fall, way) / end
-    )
+    way = np.where(t > 1.0 - fall, end - 0.5 * (1.0 - t) ** 2 / fall, way)
+    return np.asarray(way / end)
 
 
 def demonstrate(
@@ -69,9 +68,8 @@ def demonstrate(
     hand = Rotation.from_rotvec(rng.uniform(*_WRIST) * path[:, 3:])
     axes = Rotation.from_rotvec([0.0, rng.normal(0.0, _HEADING), 0.0])
     place, turn = _NOISE
-    moved = axes.apply(positions - positions[0]) + rng.normal(
-        0.0, place, path[:, :3].shape
-    )
+    moved = axes.apply(positions - positions[0])
+    moved += rng.normal(0.0, place, path[:, :3].shape)
     turned = Rotation.from_rotvec(rng.normal(0.0, turn, path[:, :3].shape))
     turned = turned * (axes * (hand * hand[0].inv()) * axes.inv())
     poses = np.hstack([moved, (turned * turned[0].inv()).as_rotvec()])

@@ -125,9 +125,8 @@ def aligned_to(
     demonstration: Demonstration, aligned: AlignedDemonstrations
 ) -> OnPhases:
     """Align a demonstration to others by its own completion index."""
-    learned = np.mean(
-        [_progress(aligned.times, poses) for poses in aligned.poses], axis=0
-    )
+    each = [_progress(aligned.times, poses) for poses in aligned.poses]
+    learned = np.mean(each, axis=0)
     turned, _ = accumulated_rotvecs(demonstration.poses[:, 3:])  # as those learned
     poses = np.hstack([demonstration.poses[:, :3], turned])
     progress = _progress(demonstration.times, poses)
