@@ -158,9 +158,7 @@ def test_a_closer_is_what_en_1154_allows(size, share):
     speed=st.floats(-4.0, 4.0),
     size=st.sampled_from([1, 2, 3, 4]),
 )
-def test_a_released_door_loses_energy_until_it_is_closed(
-    angle, speed, size, door_alone
-):
+def test_a_released_door_loses_energy_until_it_shuts(angle, speed, size, door_alone):
     """Kinetic energy and that of the springs together never rise."""
     fields = {**OFFICE, "closer": en1154(size), "seal": 2.0}
     model, data = door_alone(**fields)

@@ -192,9 +192,7 @@ def test_rollers_take_the_work_of_their_way_along_the_rail():
 
 
 @pytest.mark.parametrize("door", doors(), ids=lambda door: door.motion)
-def test_every_motion_is_opened_by_its_path_and_takes_the_force_it_should(
-    door, make_env
-):
+def test_every_motion_is_opened_by_its_path_with_the_force_it_needs(door, make_env):
     env = make_env(door=door, base=base_for(door, TIAGO_LIKE))
     env.reset(seed=0)
     path, rows = env.unwrapped.door_geometry, []

@@ -121,9 +121,7 @@ def drawn_actions(envs: Any, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("id", "mode", "circumstances"), CASES)
-def test_every_number_is_that_of_single_environments(
-    id, mode, circumstances, make_pair
-):
+def test_numbers_are_those_of_single_environments(id, mode, circumstances, make_pair):
     ours, model = make_pair(id, mode, **circumstances)
     reset_both(ours, model, seed=5)
     rng = np.random.default_rng(1)

@@ -197,9 +197,8 @@ JAW_OPENS = JAW.replace('"-1"', '"0"')
 
 def attached(name, kind, link, child, rest="", mass=0.1, inertia=0.001):
     """Return a link behind another one."""
-    return LINK.format(child, mass, inertia) + JOINT.format(
-        name, kind, link, child, rest
-    )
+    joint = JOINT.format(name, kind, link, child, rest)
+    return LINK.format(child, mass, inertia) + joint
 
 
 @pytest.mark.parametrize(

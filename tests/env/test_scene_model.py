@@ -28,9 +28,8 @@ def test_scene_keeps_the_urdf_bodies(base):
         for field in ("mass", "inertia", "ipos", "pos", "quat"):
             in_scene = getattr(scene.body(name), field)
             assert_allclose(in_scene, getattr(alone.body(name), field))
-    for joint, effort in zip(
-        TIAGO_LIKE.arm, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True
-    ):
+    efforts = 43, 43, 26, 26, 3, 6.6, 6.6
+    for joint, effort in zip(TIAGO_LIKE.arm, efforts, strict=True):
         limits = scene.jnt_actfrcrange[scene.joint(joint).id]
         assert_allclose(limits, (-effort, effort))
 

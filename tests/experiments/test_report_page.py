@@ -223,7 +223,7 @@ def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
     (folder / "tasks" / "a.json").write_text("[]")
     for arguments, message in (
         ([tmp_path / "absent"], "there is no folder"),
-        ([tmp_path / "empty"], "is no study's folder: it has no tasks/*.json"),
+        ([tmp_path / "empty"], "is not a study: it has no tasks/*.json"),
         ([folder], "none of the 1 files"),
         ([folder, "--out", folder / "study.json"], "is a file; give a folder"),
     ):

@@ -39,9 +39,8 @@ def aligned(*poses):
 def skill():
     """Learned from demonstrations of four doors that were continued."""
     rng = np.random.default_rng(0)
-    poses = [
-        arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in (0.4, 0.5, 0.55, 0.6)
-    ]
+    radii = 0.4, 0.5, 0.55, 0.6
+    poses = [arc(r, 0.8) + rng.normal(0.0, 1e-3, (200, 6)) for r in radii]
     return fit_skill(continued(aligned(*poses), 0.5))
 
 
@@ -109,12 +108,20 @@ def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
     assert beyond[-1].max() > 1e-3
 
 
+def test_sigma_has_a_rate_where_all_demonstrations_agree():
+    longer = continued(aligned(arc(0.4, 0.8), arc(0.5, 0.8)), 0.5)
+    assert longer.drift.any()
+    mean = EmpiricalDistribution(aligned=longer)
+    path = GriddedMovement(mean, None, 200).trajectory()
+    assert (path.std[0] == 0.0).all()
+    assert_allclose(path.std_rate, np.gradient(path.std, path.times, axis=0), atol=1e-2)
+
+
 def test_a_prior_mean_is_stretched_over_the_longer_task():
     path = PosePath(phases=PHASES, poses=arc(0.4, 0.8))
     longer = replace(aligned(arc(0.4, 0.8)), end=1.0 / 1.6)
-    movement = ResidualMovement(
-        aligned=longer, prior_mean=path, residual=EmpiricalDistribution(aligned=longer)
-    )
+    mean = EmpiricalDistribution(aligned=longer)
+    movement = ResidualMovement(aligned=longer, prior_mean=path, residual=mean)
     at, step = np.array([0.1, 0.4, 0.6]), 1e-6
     assert_array_equal(movement.expected(at), path.mean(1.6 * at))
     rest = movement.residual.predict(at)

@@ -243,8 +243,8 @@ def open_together(
 ) -> Iterator[EpisodeLog]:
     """Open the doors of tasks of one policy, robot, base and start in lockstep.
 
-    There is an agent and a log, made when it is taken, per task. The options are those
-    of `rollouts`; by default, no forecasts are taken.
+    There is an agent and a log per task. A log is made when it is taken. The options
+    are those of `rollouts`; by default, no forecasts are taken.
     """
     rows = [_circumstances(task) for task in tasks]
     varied: dict[str, Any] = {name: [row[name] for row in rows] for name in rows[0]}

@@ -87,12 +87,12 @@ def rollouts(
     forecast_angles: FloatArray | None = None,
     before_step: Callable[[], None] = lambda: None,
 ) -> Iterator[EpisodeLog]:
-    """Let every agent open its door once; return logs as of `rollout`, made when taken.
+    """Let every agent open its door once, and return logs like those of `rollout`.
 
-    The N simulations have ``autoreset_mode="Disabled"``. Without a period [s] there are
-    no forecasts; with angles of the doors (N, P) [rad], only the first ones after
-    they have been reached. `before_step` is called before the first reset and every
-    decision. ``latency_s`` and ``latency_wall_s`` are shares of the batch's decision.
+    The N simulations have ``autoreset_mode="Disabled"``. Each log is made when taken.
+    Without a period [s] there are no forecasts; with angles of the doors (N, P) [rad],
+    only the first after each is reached. `before_step` is called before the first reset
+    and every decision; ``latency_s`` and ``latency_wall_s`` are shares of its time.
 
     Raises:
         ValueError: The simulations reset automatically.
@@ -159,13 +159,12 @@ class _Steps:
         """Copy all quantities of a control step."""
         for name in ("times", *PER_STEP):
             now = np.asarray(values[name] if name in values else getattr(decided, name))
-            array = self._grown.get(name, np.empty((0, *now.shape)))
-            if self.count == len(array):
+            if self.count == len(self._grown.get(name, ())):
                 dtype = bool if now.dtype == bool else np.float64
                 grown = np.empty((2 * self.count or 128, *now.shape), dtype)
-                grown[: self.count] = array
-                array = self._grown[name] = grown
-            array[self.count] = now
+                grown[: self.count] = self._grown.get(name, grown[:0])
+                self._grown[name] = grown
+            self._grown[name][self.count] = now
         self.count += 1
 
     @property

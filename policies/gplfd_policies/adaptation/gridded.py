@@ -57,11 +57,11 @@ class GriddedMovement:
         if not drift.any():
             return adapted[:]  # a copy, as users may write into it
         std = np.hypot(adapted.std, drift)
-        growth = (drift > 0.0) * self.learned.aligned.drift
+        rate = adapted.std * adapted.std_rate + drift * self.learned.aligned.drift
         return replace(
             adapted,
             std=std,
-            std_rate=(adapted.std * adapted.std_rate + drift * growth) / std,
+            std_rate=np.divide(rate, std, where=std > 0.0, out=adapted.std_rate.copy()),
             covariance_function=partial(_drifting, adapted, drift),
         )
 

@@ -149,7 +149,8 @@ def markdown_page(page: Sequence[Section]) -> str:
     """Return a page as one text of Markdown."""
     parts = []
     for section in page:
-        parts.append(f"#{'#' * (section is not page[0])} {_unmarked(section.title)}")
+        marks = "#" if section is page[0] else "##"
+        parts.append(f"{marks} {_unmarked(section.title)}")
         for block in section.blocks:
             match block:
                 case Text(text, "verbatim"):

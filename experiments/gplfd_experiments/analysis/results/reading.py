@@ -139,7 +139,7 @@ def read_results(*folders: Path) -> StudyResults:
         # Names of unfinished files begin with a dot.
         files = sorted((folder / TASKS).glob("[!.]*.json"))
         if not files:
-            raise ValueError(f"{folder} is no study's folder: it has no {TASKS}/*.json")
+            raise ValueError(f"{folder} is not a study: it has no {TASKS}/*.json")
         here, problems = read_files(files)
         if not here:
             raise ValueError(
