@@ -138,8 +138,8 @@ def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):
     found = jobs_of([first[0], *apart, *others, *first])
     assert found == ((*first, *others), *((task,) for task in apart))
     monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 4)
-    # Seven episodes of gp need two jobs; none has a share of the first demonstrations.
-    assert jobs_of([*first, *others]) == (tuple(first), tuple(others))
+    # Two jobs, the larger first; none has a share of the first demonstrations.
+    assert jobs_of([*first, *others]) == (tuple(others), tuple(first))
 
 
 def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):
@@ -152,7 +152,7 @@ def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch)
     assert engine.closed
     # The job of seed 1 had one of its two files written.
     assert len(list(run_study(tmp_path, study))) == 5
-    assert runs[2:] == [(study[3],), tuple(study[4:6]), tuple(study[6:])]
+    assert runs[2:] == [tuple(study[4:6]), tuple(study[6:]), (study[3],)]
     # Nothing is run again, and more seeds are added.
     more = run_study(tmp_path, episodes(("gp",), range(5)))
     assert {result["task"]["seed"] for result in more} == {4}

@@ -84,7 +84,7 @@ def task_from(record: Mapping[str, Any]) -> Task:
 
 
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
-    """Group tasks that learn and act together, in their given order.
+    """Group tasks that learn and act together; large groups, which take long, first.
 
     A job has all episodes after some sets of demonstrations, by the policies that
     differ in their pipeline only; about `TOGETHER` of a policy act in lockstep.
@@ -96,7 +96,7 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
             learner, lesson = task.learner_key, task.demonstrations_key
         lessons = groups.setdefault(learner, {})
         lessons.setdefault(lesson, {})[task.key] = task
-    jobs: list[tuple[float, Job]] = []
+    jobs: list[Job] = []
     for lessons in groups.values():
         every = [task for tasks in lessons.values() for task in tasks.values()]
         widest = Counter(task.policy for task in every).most_common(1)[0][1]
@@ -107,8 +107,8 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
             # By the middle of a lesson, so that the shares are about equal.
             shares[(2 * done + len(tasks)) * number // (2 * total)] += tasks.values()
             done += len(tasks)
-        jobs += [(k / number, tuple(x)) for k, x in enumerate(shares) if x]
-    return tuple(job for _, job in sorted(jobs, key=lambda job: job[0]))
+        jobs += [tuple(share) for share in shares if share]
+    return tuple(sorted(jobs, key=len, reverse=True))
 
 
 _NOISY: Final = (
