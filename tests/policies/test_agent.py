@@ -133,11 +133,8 @@ def test_via_point_shifts_the_clock_by_no_more_than_the_path_it_looks_at(
     agent.reset(observed(AT_REST))
     learned = agent.movement.distribution
     back = SimpleNamespace(mean=learned.mean - 0.03 * np.eye(6)[0], std=learned.std)
-    monkeypatch.setattr(
-        agent.movement,
-        "observe",
-        lambda _: monkeypatch.setattr(agent.movement, "distribution", back),
-    )
+    back.observe = lambda _: monkeypatch.setattr(agent.movement, "distribution", back)
+    monkeypatch.setattr(agent.movement, "adapted_at", lambda _: back)
     poses = [handle_pose_on_arc(0.5, angle) for angle in np.linspace(0.0, 0.3, 20)]
     steps = [agent.act(observed(pose)) for pose in poses]
     change = np.diff(stacked(steps, "phase")) - PERIOD / skill.duration
@@ -146,7 +143,8 @@ def test_via_point_shifts_the_clock_by_no_more_than_the_path_it_looks_at(
 
 def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
     agent, seen = agent_of(skill), []
-    monkeypatch.setattr(agent.movement, "observe", seen.append)
+    watching = SimpleNamespace(observe=seen.append)
+    monkeypatch.setattr(agent.movement, "adapted_at", lambda _: watching)
     agent.reset(observed(AT_REST))
     rates = []
     for angle in np.linspace(0.0, 0.8, 200):

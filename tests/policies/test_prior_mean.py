@@ -117,7 +117,7 @@ def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
 
 @pytest.mark.parametrize("name", ["dmp", "oracle"])
 def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
-    with pytest.raises(ValueError, match="does not accept a prior mean;"):
+    with pytest.raises(ValueError, match="accepts no prior mean;"):
         make_agent(name, demonstrations, prior_mean=Line())
 
 

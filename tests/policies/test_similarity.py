@@ -12,6 +12,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,
+    forecasts,
     normalised,
     posteriors,
     size_and_heading,
@@ -104,9 +105,8 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
         covariance += np.outer(wobble, wobble) * matern(phase, phase)
         covariance += config.position_std**2 * np.eye(5)
         surprise = across @ np.linalg.solve(covariance, across)
-        shape = covariance
         log_weights.append(
-            scipy.stats.multivariate_t(shape=shape, df=free).logpdf(across)
+            scipy.stats.multivariate_t(shape=covariance, df=free).logpdf(across)
             - 0.5 * (log_size / model.log_sizes[-1] * 2.5) ** 2
         )
         # How far the path is turned ahead: ψ + σ f/|m|, and what a sees of it.
@@ -124,7 +124,7 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     (posterior,) = posteriors([similarity])
     assert_allclose(inferred(similarity)[:2], (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
-    paths, turns = posterior.forecast(ahead)
+    (paths,), (turns,) = forecasts([posterior], ahead)
     of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(
         posterior.log_sizes
     )

@@ -76,7 +76,7 @@ def test_skills_of_every_noise_model(noise, count, demonstrations, tmp_path):
         ({"length_scale": np.zeros(6)}, "length_scale must be positive"),
         ({"noise_coefficients": np.full((6, 48), 400.0)}, "standard deviation"),
         ({"wobble": -np.ones(6)}, "wobble"),
-        ({"white": np.full(6, 2.0)}, "within .0, 1."),
+        ({"white": np.full(6, 2.0)}, "shares in .0, 1."),
     ],
 )
 def test_wrong_content_is_refused(saved, tmp_path, changes, reason):

@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 
 from gplfd_policies.adaptation import begin_adaptation
-from gplfd_policies.adaptation.similarity import SimilarityAdaptation
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation, forecast
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
 from gplfd_policies.movements.movement import (
+    Adaptation,
     AdaptationForm,
     GaussianTrajectory,
     Movement,
@@ -21,6 +22,7 @@ from gplfd_policies.movements.movement import (
 
 LOOK_AHEAD: Final = 0.05
 """Length of the chord that defines the direction of the path, in phase."""
+_AT_ONCE: Final = 16  # number of adaptations whose arrays stay in a core's cache
 
 
 class GriddedMovement:
@@ -46,10 +48,10 @@ class GriddedMovement:
             self.distribution = copy.deepcopy(self._unadapted)
             self._adapted, self._seen = False, 0.0
 
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on a via-point."""
-        self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
-        self.distribution.observe(via_point)
+    def adapted_at(self, phase: float) -> Adaptation:
+        """Return the distribution, which is about to see a via-point at a phase."""
+        self._adapted, self._seen = True, max(self._seen, float(phase))
+        return self.distribution
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
@@ -106,10 +108,20 @@ class GriddedMovements:
             self._movements[member].reset()
             self._renew(member)
 
-    def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition the movement of one member on a via-point."""
-        self._movements[member].observe(via_point)
-        self._renew(member)
+    def observe(self, members: Sequence[int], via_points: Sequence[ViaPoint]) -> None:
+        """Condition the movements of some members on a via-point each."""
+        together: list[SimilarityAdaptation] = []
+        for member, via_point in zip(members, via_points, strict=True):
+            distribution = self._movements[member].adapted_at(via_point.phase)
+            if isinstance(distribution, SimilarityAdaptation):
+                distribution.filter(via_point)
+                together.append(distribution)
+            else:
+                distribution.observe(via_point)
+        for begin in range(0, len(together), _AT_ONCE):
+            forecast(together[begin : begin + _AT_ONCE])
+        for member in members:
+            self._renew(member)
 
     def at(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS

@@ -297,10 +297,8 @@ class ForceAdaptation:
         variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
         free = float(skill.count - 1)
         self._parts = [
-            ConditionedProcess(
-                demonstrated_repetition(skill, grid, variances), free, grid
-            )
-            for variances in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
+            ConditionedProcess(demonstrated_repetition(skill, grid, extra), free, grid)
+            for extra in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
         ]
 
     def observe(self, via_point: ViaPoint) -> None:

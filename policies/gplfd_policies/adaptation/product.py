@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from gplfd_env.validation.fields import check_choice
 from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
 from gplfd_policies.gp.exact import ExactGP, factorise
@@ -49,10 +50,7 @@ class ProductAdaptation:
         prior_mean: Literal["demonstration", "zero"] = "demonstration",
     ) -> None:
         """Start from the demonstrations, on strictly increasing phases (M,)."""
-        if prior_mean not in ("demonstration", "zero"):
-            raise ValueError(
-                f"prior_mean must be 'demonstration' or 'zero', got {prior_mean!r}."
-            )
+        check_choice("prior_mean", prior_mean, ("demonstration", "zero"))
         if np.any(np.diff(grid) <= 0.0):
             raise ValueError("The grid of a product must increase strictly.")
         self._skill, self._prior_mean = skill, prior_mean

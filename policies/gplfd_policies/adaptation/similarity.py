@@ -12,6 +12,7 @@ f_i(s)), b_i constant and f_i smooth, and has its own filter over the phases.
 """
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
@@ -21,6 +22,7 @@ from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
     advance,
+    forecasts,
     gradient,
     posteriors,
     updated,
@@ -45,6 +47,13 @@ class SimilarityAdaptation:
     otherwise it is the next position of the path.
     """
 
+    mean: Outputs
+    std: Outputs
+    """Current moments on the grid [m, rad]; they are replaced, not changed."""
+    horizontal_covariance: Float[np.ndarray, " M"]
+    """Covariance of x and z on the grid [m²]."""
+    _level: Float[np.ndarray, "2 M L"]  # factors of the variances of x and z
+
     def __init__(self, movement: Movement, grid: Times) -> None:
         """Start from the demonstrations, on a grid of phases (M,)."""
         predicted, aligned = movement.predict(grid), movement.aligned
@@ -67,10 +76,15 @@ class SimilarityAdaptation:
         self._phase, self._state = float(grid[0]), np.zeros((3, 4))
         self._covariance = np.zeros((3, 3, 4))
         self._covariance += np.diag([1.0, 1.0, self._rate**2])[:, :, None]
-        self._forecast()
+        forecast([self])
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
+        self.filter(via_point)
+        forecast([self])
+
+    def filter(self, via_point: ViaPoint) -> None:
+        """Condition the estimates; `forecast` has to follow."""
         phase, pose = float(via_point.phase), via_point.pose
         noise = via_point.noise_variance
         if via_point.sizes is not None:
@@ -98,7 +112,6 @@ class SimilarityAdaptation:
         innovation = np.where(np.isfinite(noise), pose[_OTHERS] - predicted, 0.0)
         self._state = state + gain * (innovation / variance)
         self._covariance = covariance - gain[:, None] * (gain / variance)
-        self._forecast()
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with smooth deviations."""
@@ -108,48 +121,59 @@ class SimilarityAdaptation:
         mean = self.mean.copy()
         return GaussianTrajectory.from_moments(self._grid, mean, std, covariance)
 
-    def _forecast(self) -> None:
-        """Compute the moments on the grid."""
-        mean, variance = np.empty((2, self._grid.size, 6))
-        weights = self.sizes.weights
-        paths, angles = self.sizes.forecast(self._grid)
-        path = paths @ weights
-        mean[:, 0] = path.real + self._apart[:, 0]
-        mean[:, 2] = -path.imag + self._apart[:, 1]
-        # x and z of the deviations in size, and in angle: i times the path.
-        apart, turn = paths - path[:, None], -np.sqrt(angles)
-        dx, dz = apart.real, -apart.imag
-        ax, az = paths.imag * turn, paths.real * turn
-        tangent = gradient(path)
-        along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
-        tx, tz = along.real, -along.imag
-        # Deviations are independent of each other; each is the same at all phases.
-        share, count = np.sqrt(weights), weights.size
-        self._level = x, z = np.empty((2, self._grid.size, 2 * count + 1))
-        for roots, between, aside, behind in ((x, dx, ax, tx), (z, dz, az, tz)):
-            np.multiply(share, between, out=roots[:, :count])
-            np.multiply(share, aside, out=roots[:, count:-1])
-            roots[:, -1] = behind
-        for output, roots in zip(_LEVEL, self._level, strict=True):
-            variance[:, output] = (roots * roots).sum(axis=1) + _NOISE**2
-        self.horizontal_covariance: Float[np.ndarray, " M"] = (x * z).sum(axis=1)
-        """Covariance of x and z on the grid [m²]."""
 
-        rate, step = self._rate, self._grid[:, None] - self._phase
-        decay = np.exp(-rate * np.abs(step))
-        a, b = decay * (1.0 + rate * np.abs(step)), decay * step
-        constant, smooth = _CONSTANT**0.5, (1.0 - _CONSTANT) ** 0.5
-        state, left = self._state, self._covariance
-        deviation = constant * state[0] + smooth * (a * state[1] + b * state[2])
-        mean[:, _OTHERS] = self._expected + self._spread * deviation
-        smooth_noise = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
-        smooth_noise = smooth_noise + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
-        both = a * left[0, 1] + b * left[0, 2]
-        smooth_part = smooth * (2.0 * constant * both + smooth * smooth_noise)
-        share = _CONSTANT * left[0, 0] + smooth_part
-        variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
-        self.mean, self.std = mean, np.sqrt(variance)
-        """Current moments on the grid [m, rad]; they are replaced, not changed."""
+def forecast(adaptations: Sequence[SimilarityAdaptation]) -> None:
+    """Compute the moments of R adaptations on one grid, as of each alone."""
+    grid, rate = adaptations[0]._grid, adaptations[0]._rate
+    lag, apart, centre, spread, state, left = (
+        np.array([getattr(adaptation, name) for adaptation in adaptations])
+        for name in ("_lag", "_apart", "_expected", "_spread", "_state", "_covariance")
+    )
+    sizes = [adaptation.sizes for adaptation in adaptations]
+    paths, angles = forecasts(sizes, grid)
+    weights = np.array([size.weights for size in sizes])[:, None]
+    path = np.array([x @ size.weights for x, size in zip(paths, sizes, strict=True)])
+    mean, variance = np.empty((2, *path.shape, 6))
+    mean[..., 0] = path.real + apart[..., 0]
+    mean[..., 2] = -path.imag + apart[..., 1]
+    # x and z of the deviations in size, and in angle: i times the path.
+    deviation, turn = paths - path[..., None], -np.sqrt(angles)
+    dx, dz = deviation.real, -deviation.imag
+    ax, az = paths.imag * turn, paths.real * turn
+    tangent = gradient(path)
+    along = lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
+    tx, tz = along.real, -along.imag
+    # Deviations are independent of each other; each is the same at all phases.
+    share, count = np.sqrt(weights), weights.shape[-1]
+    level = x, z = np.empty((2, *path.shape, 2 * count + 1))
+    for roots, between, aside, behind in ((x, dx, ax, tx), (z, dz, az, tz)):
+        np.multiply(share, between, out=roots[..., :count])
+        np.multiply(share, aside, out=roots[..., count:-1])
+        roots[..., -1] = behind
+    for output, roots in zip(_LEVEL, level, strict=True):
+        variance[..., output] = (roots * roots).sum(axis=-1) + _NOISE**2
+    horizontal = (x * z).sum(axis=-1)
+
+    last = np.array([adaptation._phase for adaptation in adaptations])
+    state, left = state[..., None, :], left[..., None, :]
+    step = (grid - last[:, None])[..., None]
+    decay = np.exp(-rate * np.abs(step))
+    a, b = decay * (1.0 + rate * np.abs(step)), decay * step
+    constant, smooth = _CONSTANT**0.5, (1.0 - _CONSTANT) ** 0.5
+    deviation = constant * state[:, 0] + smooth * (a * state[:, 1] + b * state[:, 2])
+    mean[..., _OTHERS] = centre + spread * deviation
+    smooth_noise = 1.0 - a * a - (rate * b) ** 2 + a * a * left[:, 1, 1]
+    smooth_noise = smooth_noise + 2.0 * a * b * left[:, 1, 2] + b * b * left[:, 2, 2]
+    both = a * left[:, 0, 1] + b * left[:, 0, 2]
+    smooth_part = smooth * (2.0 * constant * both + smooth * smooth_noise)
+    shares = _CONSTANT * left[:, 0, 0] + smooth_part
+    variance[..., _OTHERS] = spread**2 * np.maximum(shares, 0.0)
+    std = np.sqrt(variance)
+    for row, adaptation in enumerate(adaptations):
+        # Copies, because views would keep the arrays of all rows.
+        adaptation.mean, adaptation.std = mean[row].copy(), std[row].copy()
+        adaptation.horizontal_covariance = horizontal[row].copy()
+        adaptation._level = level[:, row].copy()
 
 
 def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:

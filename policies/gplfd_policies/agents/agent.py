@@ -172,9 +172,8 @@ def _controller_of(
         load = config.load.begin(config.profile, paths.numbers.shape)
         return ComplianceController(paths, phases, load, config, forecast)
     turning = HandleMovements(movements, handles)
-    return ComplianceController(
-        turning, phases, HandleLoad(config, turning), config, forecast
-    )
+    borne = HandleLoad(config, turning)
+    return ComplianceController(turning, phases, borne, config, forecast)
 
 
 @dataclass(frozen=True, slots=True)

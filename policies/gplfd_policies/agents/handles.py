@@ -71,15 +71,17 @@ class HandleMovements(GriddedMovements):
             self._gears[number] = 1.0
             self._pressed[number] = 0.0
 
-    def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition a row's movement on a via-point, given as a pose of the hand."""
-        rows = np.array([member]) if self.numbers.shape else ALL_ROWS
-        phase = np.full(self.numbers[rows].shape, via_point.phase)
-        expected = self.at(phase, rows)[..., :6].ravel().tolist()
-        pose = self._handles[member].without_handle_motion(
-            via_point.pose.tolist(), expected
-        )
-        super().observe(member, replace(via_point, pose=np.array(pose)))
+    def observe(self, members: Sequence[int], via_points: Sequence[ViaPoint]) -> None:
+        """Condition some rows' movements on via-points, given as poses of the hands."""
+        points = [*via_points]
+        for index, (member, point) in enumerate(zip(members, via_points, strict=True)):
+            rows = np.array([member]) if self.numbers.shape else ALL_ROWS
+            phase = np.full(self.numbers[rows].shape, point.phase)
+            expected = self.at(phase, rows)[..., :6].ravel().tolist()
+            handle, hand = self._handles[member], point.pose.tolist()
+            pose = np.array(handle.without_handle_motion(hand, expected))
+            points[index] = replace(point, pose=pose)
+        super().observe(members, points)
 
     def ahead(
         self, phases: PerRow, rows: Rows = ALL_ROWS
@@ -118,10 +120,9 @@ class HandleMovements(GriddedMovements):
         if not numbers:
             return positions
         columns = positions.reshape(-1, len(numbers), 6)
-        for column, number in enumerate(numbers):
-            columns[:, column] = self._handles[number].axis_positions(
-                columns[:, column]
-            )
+        for column, hand in enumerate(numbers):
+            axes = self._handles[hand].axis_positions(columns[:, column])
+            columns[:, column] = axes
         return positions
 
     def turning_directions(self, poses: Axes, rows: Rows = ALL_ROWS) -> Vectors:

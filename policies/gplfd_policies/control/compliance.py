@@ -102,9 +102,7 @@ class ComplianceConfig:
         check_choice("ComplianceConfig.stiffness_frame", frame, ("path", "axes"))
         along_path, why = frame == "path", 'choose stiffness_frame="axes"'
         if along_path and self.rendering.control == "impedance":
-            raise ValueError(
-                f"an arm is commanded its stiffness along the task's axes; {why}"
-            )
+            raise ValueError(f"an arm's stiffness is along the task's axes; {why}")
         if not along_path and self.phase_stiffness is not None:
             raise ValueError(
                 "ComplianceConfig.phase_stiffness has the directions of the path; "
@@ -272,17 +270,13 @@ class ComplianceController:
         # A phase error displaces all outputs together along the path.
         along = self._phases.rate(phase, rows) * np.asarray(estimate.std)[..., None]
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
-        for number, via_phase, pose, error, index in zip(
-            movements.numbers[rows][due].tolist(),
-            np.asarray(phase)[due].tolist(),
-            poses[due],
-            along[due],
-            np.flatnonzero(due).tolist(),
-            strict=True,
-        ):
-            sizes, std = estimate.sizes(index), self._via_noise
-            noise: dict[str, Any] = {"std": std, "along": error, "sizes": sizes}
-            movements.observe(number, ViaPoint(phase=via_phase, pose=pose, **noise))
+        sizes = map(estimate.sizes, np.flatnonzero(due).tolist())
+        seen = np.asarray(phase)[due].tolist(), poses[due], along[due], sizes
+        via_points = [
+            ViaPoint(phase=s, pose=pose, std=self._via_noise, along=error, sizes=size)
+            for s, pose, error, size in zip(*seen, strict=True)
+        ]
+        movements.observe(movements.numbers[rows][due].tolist(), via_points)
         if self._forces is not None:
             self._forces.learn(due, phase, rows)
         ends = np.minimum(command_phase + LOOK_AHEAD, 1.0)

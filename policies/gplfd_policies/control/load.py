@@ -82,14 +82,14 @@ class ForceForecast:
         due = self._due[rows]
         if due.any():
             total, count = self._sum[rows], self._count[rows]
-            for number, phase, mean in zip(
+            means = total[due] / np.asarray(count)[due][:, None]
+            measured = zip(
+                np.asarray(self._phases[rows])[due].tolist(), means, strict=True
+            )
+            self._movements.observe(
                 self._movements.numbers[rows][due].tolist(),
-                np.asarray(self._phases[rows])[due].tolist(),
-                total[due] / np.asarray(count)[due][:, None],
-                strict=True,
-            ):
-                via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
-                self._movements.observe(number, via_point)
+                [ViaPoint(phase=s, pose=mean, std=self._noise) for s, mean in measured],
+            )
             self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
             self._count[rows] = np.where(due, 0.0, count)
             self._due[rows] = False

@@ -213,9 +213,7 @@ class StiffnessProfile:
         It is wrong; compare it with `rate`. It divides by zero if k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
-            raise ValueError(
-                "the printed Eq. (25) divides by k_max - k_min, which is 0"
-            )
+            raise ValueError("the printed Eq. (25) divides by k_max - k_min = 0")
         stiffness = self.stiffness(std)
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
         return np.asarray(self.alpha * stiffness * shortfall * std_rate)

@@ -109,9 +109,7 @@ class AlignedDemonstrations:
                 f"{times.shape} and {poses.shape}"
             )
         if len(poses) < 1 or len(times) < 2:
-            raise ValueError(
-                f"a demonstration and two phases are needed: {poses.shape}"
-            )
+            raise ValueError(f"needs a demonstration and two phases: {poses.shape}")
         if not (np.isfinite(poses).all() and np.isfinite(times).all()):
             raise ValueError("times and poses must be finite; drop NaN and inf first")
         if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
@@ -122,9 +120,7 @@ class AlignedDemonstrations:
         if clocks is not None and not (
             clocks.shape == poses.shape[:2] and (np.abs(clocks - 0.5) <= 0.5).all()
         ):
-            raise ValueError(
-                f"clocks must be (K, M) and within [0, 1], or None: {clocks.shape}"
-            )
+            raise ValueError(f"clocks must be (K, M), 0 to 1, or None: {clocks.shape}")
         if self.wrenches is not None:
             finite = np.isfinite(self.wrenches)
             whole = finite.all(axis=(1, 2)) | ~finite.any(axis=(1, 2))

@@ -293,8 +293,7 @@ def posteriors(paths: Sequence[PathSimilarity]) -> list[SizePosterior]:
     refined = np.add.reduce(curves[:, rows, four] * cubic, axis=1)
     weights = _normalised(refined[0])
     angle, size_std = refined[2], _OVERLAP * (sizes[:, 1:2] - sizes[:, :1])
-    slope = np.array([gradient(curve) for curve in angle])
-    angle_variance = np.maximum(refined[3], 0.0) + (_OVERLAP * slope) ** 2
+    angle_variance = np.maximum(refined[3], 0.0) + (_OVERLAP * gradient(angle)) ** 2
     features = np.array(
         [
             np.log(np.maximum(weights, 1e-300)),
@@ -350,32 +349,37 @@ class SizePosterior:
     among the sizes that one represents; cosine and sine of the angle of
     `PathSimilarity`, its variance over these sizes; log c, mean and variance of ψ."""
 
-    def forecast(
-        self, phases: Times
-    ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
-        """Return the expected paths of the likely sizes at increasing phases.
 
-        Means are complex, x - iz [m]; variances are of rotation about the start [rad²].
-        """
-        model, covariance = self.model, self.covariance
-        turn, f, slope = self.mean
-        path: np.ndarray = np.interp(phases, model.phases, model.path)
-        lateral_std = np.interp(phases, model.phases, model.lateral_std)
-        turning = (lateral_std / np.maximum(np.abs(path), _NEAR))[:, None]
-        # f at phases s from (f, df/ds) at the last phase: a f + b df/ds + remainder.
-        step = phases[:, None] - self.phase
-        apart = model.rate * np.abs(step)
-        decay = np.exp(-apart)
-        a, b = decay * (1.0 + apart), decay * step
-        square = a * a
-        variance = self.scale * (1.0 - square - (model.rate * b) ** 2)
-        variance += square * covariance[1, 1] + b * b * covariance[2, 2]
-        variance += 2.0 * a * b * covariance[1, 2]
-        both = a * covariance[0, 1] + b * covariance[0, 2]
-        variance = covariance[0, 0] + turning * (2.0 * both + turning * variance)
-        angle = turn + turning * (a * f + b * slope)
-        means = path[:, None] * np.exp(self.log_sizes + 1j * angle)
-        return means, np.maximum(variance, 0.0)
+def forecasts(
+    sizes: Sequence[SizePosterior], phases: Times
+) -> tuple[Complex[np.ndarray, "R M K"], Float[np.ndarray, "R M K"]]:
+    """Return R paths, expected for each likely size, at increasing phases.
+
+    Means are complex, x - iz [m]; variances are of rotation about the start [rad²].
+    """
+    models, rate = [path.model for path in sizes], sizes[0].model.rate
+    path = np.array([np.interp(phases, x.phases, x.path) for x in models])[..., None]
+    std = np.array([np.interp(phases, x.phases, x.lateral_std) for x in models])
+    turning = std[..., None] / np.maximum(np.abs(path), _NEAR)
+    # Of each path and size, for all phases: (R, 1, K).
+    last, scale, log_sizes, turn, f, slope = np.array(
+        [(x.phase, x.scale, x.log_sizes, *x.mean) for x in sizes]
+    ).swapaxes(0, 1)[:, :, None]
+    left = np.array([x.covariance for x in sizes])[..., None, :]
+    # f at phases s from (f, df/ds) at the last phase: a f + b df/ds + remainder.
+    step = phases[:, None] - last
+    apart = rate * np.abs(step)
+    decay = np.exp(-apart)
+    a, b = decay * (1.0 + apart), decay * step
+    square = a * a
+    variance = scale * (1.0 - square - (rate * b) ** 2)
+    variance += square * left[:, 1, 1] + b * b * left[:, 2, 2]
+    variance += 2.0 * a * b * left[:, 1, 2]
+    both = a * left[:, 0, 1] + b * left[:, 0, 2]
+    variance = left[:, 0, 0] + turning * (2.0 * both + turning * variance)
+    angle = turn + turning * (a * f + b * slope)
+    means = path * np.exp(log_sizes + 1j * angle)
+    return means, np.maximum(variance, 0.0)
 
 
 def normalised(
@@ -449,10 +453,11 @@ def size_and_heading(
 
 
 def gradient(values: np.ndarray) -> np.ndarray:
-    """Return the same as `numpy.gradient` for values (N,), in a tenth of the time."""
+    """Return `numpy.gradient` along the last axis (..., N), in a tenth of the time."""
     slopes = np.empty_like(values)
-    slopes[1:-1] = (values[2:] - values[:-2]) / 2.0
-    slopes[0], slopes[-1] = values[1] - values[0], values[-1] - values[-2]
+    slopes[..., 1:-1] = (values[..., 2:] - values[..., :-2]) / 2.0
+    slopes[..., 0] = values[..., 1] - values[..., 0]
+    slopes[..., -1] = values[..., -1] - values[..., -2]
     return slopes
 
 

@@ -103,7 +103,7 @@ class ConditionedFunctions:
         self, place: Places, values: Pose, noise_variance: Pose, along: Pose
     ) -> tuple["ConditionedFunctions", Innovation]:
         """Return them given another observation, in O(P² + M P) for P earlier ones."""
-        between, count, later = self.covariance, self._white.size, copy.copy(self)
+        between, size, later = self.covariance, self._white.size, copy.copy(self)
         earlier = between(self._places, place).reshape(-1, 6) * self._observed[:, None]
         cross = scipy.linalg.solve_triangular(self._root, earlier, lower=True)
         remaining = between(place, place).reshape(6, 6) - cross.T @ cross
@@ -114,9 +114,7 @@ class ConditionedFunctions:
         across = between(place, grid) * new.observed[:, None, None]
         rows = new.inverse_root @ (across.reshape(6, half.shape[1]) - cross.T @ half)
         later._kept = grid, np.concatenate([half, rows])
-        later._root = np.block(
-            [[self._root, np.zeros((count, 6))], [cross.T, new.root]]
-        )
+        later._root = np.block([[self._root, np.zeros((size, 6))], [cross.T, new.root]])
         later._white = np.append(self._white, new.whitened)
         later._observed = np.append(self._observed, new.observed)
         both = zip(self._places, place, strict=True)

@@ -87,9 +87,7 @@ class DeviationProcess:
     def __post_init__(self) -> None:
         within = 0.0 <= self.varying <= 1.0 and 0.0 <= self.white <= 1.0
         if not (self.wobble > 0.0 and within):
-            raise ValueError(
-                f"wobble must be positive and shares within [0, 1], got {self}"
-            )
+            raise ValueError(f"wobble must be > 0 and shares in [0, 1], got {self}")
 
     def split(self, noise: Curve) -> tuple[Curve, Curve]:
         """r(t) as (u(t), v(t)): task variation and wobble."""

@@ -48,9 +48,7 @@ def checked_times(times: np.ndarray) -> Times:
     """Return the phases of a prediction as floats; raise if empty or not finite."""
     times = np.asarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-        raise ValueError(
-            f"predict needs a list of finite phases, at least one: {times}"
-        )
+        raise ValueError(f"predict needs finite phases, at least one: {times}")
     return times
 
 
@@ -91,9 +89,7 @@ class GaussianTrajectory:
         Times increase; std is NaN for a method without it. A single time has rate zero.
         """
         if (np.diff(times) <= 0.0).any():
-            raise ValueError(
-                f"differences need strictly increasing phases, got {times}."
-            )
+            raise ValueError(f"differences need strictly increasing phases: {times}")
         mean_rate, std_rate = (
             np.gradient(curve, times, axis=0)
             if len(times) > 1
@@ -240,7 +236,7 @@ class ViaPoint:
     def __post_init__(self) -> None:
         if not (isinstance(self.phase, Real) and math.isfinite(self.phase)):
             raise ValueError(
-                f"The phase of a via-point must be a finite number, got {self.phase!r}."
+                f"a via-point's phase must be a finite number: {self.phase!r}"
             )
         pose = np.array(self.pose, dtype=np.float64)
         if pose.shape != (6,) or np.isinf(pose).any():
@@ -275,7 +271,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
     numbers = np.asarray(value)
     if numbers.shape not in ((), (1,), (6,)):
         raise ValueError(
-            f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
+            f"ViaPoint.{name} must be one number or six, got {numbers.shape}"
         )
     return np.full(6, numbers, dtype=np.float64)
 

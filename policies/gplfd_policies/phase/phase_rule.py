@@ -184,9 +184,7 @@ class PathPhase:
         self, movement: Movement, config: PathPhaseConfig = PathPhaseConfig()
     ) -> None:
         prediction, aligned = movement.predict(_GRID), movement.aligned
-        if not (
-            np.isfinite(prediction.mean).all() and np.isfinite(prediction.std).all()
-        ):
+        if not np.isfinite(prediction.mean + prediction.std).all():
             raise ValueError(
                 f"PathPhase needs a finite mean and spread, but "
                 f"{type(movement).__name__} predicts NaN or infinity; give it "

@@ -301,9 +301,7 @@ def in_pipeline(name: str, policy: Policy, pipeline: str) -> Policy:
     """
     method = policy.method
     if method is None:
-        raise ValueError(
-            f"{name}@{pipeline}: {name} has no learner, so it has no pipeline to change"
-        )
+        raise ValueError(f"{name}@{pipeline}: {name} has no learner and no pipeline")
     if pipeline == "published" and name in PUBLISHED:
         return replace(
             policy, summary=f"{policy.summary}; as published", make=PUBLISHED[name]

@@ -325,9 +325,7 @@ def make_agent(
     )
     policy = policy_named(name)
     if prior_mean is not None and policy.kind == "reference":
-        raise ValueError(
-            f"{name} does not accept a prior mean; a learner, such as gp, does"
-        )
+        raise ValueError(f"{name} accepts no prior mean; a learner, such as gp, does")
     return as_agent(policy.make(training))
 
 

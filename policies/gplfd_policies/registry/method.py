@@ -189,7 +189,7 @@ class Method:
         prior_mean, learner = training.prior_mean, self.learner
         if prior_mean is not None and not learner.accepts_prior_mean:
             raise ValueError(
-                f"{learner.summary} does not accept a prior mean; another learner, "
+                f"{learner.summary} accepts no prior mean; another learner, "
                 "such as gp, does"
             )
         if not training.demonstrations:

@@ -44,9 +44,7 @@ def served_agent(
         return method.follow(skill)
     policy = policy_named(source)
     if policy.told:
-        raise ValueError(
-            f"policy {source!r} needs the true door, which no message contains"
-        )
+        raise ValueError(f"policy {source!r} needs the true door, which no message has")
     if settings.demonstrations is not None:
         demonstrations = npz.load_demonstrations(settings.demonstrations)
         npz.check_frame(demonstrations.frame, settings.demonstrations)

@@ -76,9 +76,8 @@ class LocalGaussianProcesses(MomentMovement):
         for cluster, outputs in enumerate(self.processes):
             for column, process in enumerate(outputs):
                 mean = process.latent.mean(times)
-                variance = process.latent.variance(times) + process.noise.variance(
-                    times
-                )
+                variance = process.latent.variance(times)
+                variance = variance + process.noise.variance(times)
                 means[cluster, :, column] = process.offset + process.scale * mean
                 variances[cluster, :, column] = process.scale**2 * variance
         weights = self.weights(times)[:, :, None]

@@ -75,9 +75,7 @@ class WeightMovement(LearnedMovement, ABC):
         basis, slope = self.basis(times)
         size, mean = basis.shape[1], self.weight_mean.reshape(6, -1)
         # Covariance of the weights of each output.
-        blocks = np.einsum(
-            "didj->dij", self.weight_covariance.reshape(6, size, 6, size)
-        )
+        blocks = np.einsum("didj->dij", self.weight_covariance.reshape(6, size, 6, -1))
         spread = basis @ blocks
         variance = np.einsum("dmj,mj->md", spread, basis)
         half_rate = np.einsum("dmj,mj->md", spread, slope)

@@ -156,8 +156,7 @@ class WishartLikelihood:
         values = self.features @ flat.reshape(-1, rank).T
         unit = values.reshape(-1, degrees, outputs).swapaxes(1, 2)
         covariance = (1.0 - self.prior.floor) * (unit @ unit.swapaxes(1, 2))
-        diagonal = np.arange(outputs)
-        covariance[:, diagonal, diagonal] += self.prior.floor * degrees
+        np.einsum("tii->ti", covariance)[:] += self.prior.floor * degrees
         return unit, covariance
 
     def __call__(self, flat: Float[np.ndarray, " N"]) -> float:
