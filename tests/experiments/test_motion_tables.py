@@ -196,7 +196,7 @@ def test_motive_states_units_in_its_first_line_and_bodies_above_the_columns(tmp_
     assert motion.unit == "mm"
     check(replace(motion, positions=POSITIONS))
     assert_allclose(motion.positions, 1e3 * POSITIONS)
-    several = "choose with --body: rigid body door 2, rigid"
+    several = "choose by --body: rigid body door 2, rigid"
     with pytest.raises(ValueError, match=several):
         table(tmp_path, text)
 

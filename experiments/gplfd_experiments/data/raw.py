@@ -71,9 +71,7 @@ def chosen(
         raise ValueError(f"{file} has no {what}")
     names = ", ".join(sorted(items)[:_LISTED]) + (", …" if len(items) > _LISTED else "")
     if wanted is None and len(items) > 1:
-        raise ValueError(
-            f"{file} has more than one {what}; choose with --body: {names}"
-        )
+        raise ValueError(f"{file} has more than one {what}; choose by --body: {names}")
     wanted = next(iter(items)) if wanted is None else wanted
     if wanted not in items:
         hint = nearest_name(wanted, items)

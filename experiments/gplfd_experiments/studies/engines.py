@@ -1,6 +1,7 @@
 """Where the jobs of a study run: in this process, on its cores, or on a cluster."""
 
 import contextlib
+import ctypes
 import importlib.util
 import itertools
 import logging
@@ -197,6 +198,9 @@ def _with_warnings(
     """Return the result, and texts of warnings, which a worker cannot show."""
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
+    # glibc keeps freed memory in pieces, which may be too small for the next item.
+    with contextlib.suppress(AttributeError, OSError, TypeError):  # of other systems
+        ctypes.CDLL(None).malloc_trim(0)
     return result, [str(warning.message) for warning in caught]
 
 

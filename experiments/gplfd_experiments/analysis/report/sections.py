@@ -192,9 +192,8 @@ def paired_tests(title: str, runs: Runs, reference: str) -> Block:
                 typical = statistics.shift(*seeds[other]).estimate
                 text = statistics.number_text(typical, measure.digits, signed=True)
             else:
-                pairs = [
-                    (a, values[other][d]) for d, a in ours.items() if d in values[other]
-                ]
+                theirs = values[other]
+                pairs = [(a, theirs[d]) for d, a in ours.items() if d in theirs]
                 won, lost = sum(a > b for a, b in pairs), sum(b > a for a, b in pairs)
                 text = f"{won} : {lost}"
             test = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"

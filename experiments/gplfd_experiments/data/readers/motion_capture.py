@@ -66,9 +66,8 @@ def bvh(path: Path, settings: ImportSettings) -> list[RawRecording]:
                     names = [next(words)[1] for _ in range(int(next(words)[1]))]
                     if not set(names) <= _CHANNELS or len(set(names)) < len(names):
                         raise ValueError("it names no channels, or one twice")
-                    stack[-1].channels.update(
-                        {n: width + i for i, n in enumerate(names)}
-                    )
+                    places = {n: width + i for i, n in enumerate(names)}
+                    stack[-1].channels.update(places)
                     width += len(names)
                 case "HIERARCHY":
                     pass

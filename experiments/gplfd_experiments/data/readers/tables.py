@@ -201,7 +201,7 @@ def named_columns(
         if len(best) > 1:
             owners = ", ".join(sorted({owner for _, owner, *_ in best} - {""}))
             raise ValueError(
-                f"{where} has two columns for {name}; choose with --body: "
+                f"{where} has two columns for {name}; choose by --body: "
                 f"{owners or '(none)'}; or name those to leave out '-' with --columns"
             )
     if "rw" in columns:  # A quaternion, and no rotation vector.
