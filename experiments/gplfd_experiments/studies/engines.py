@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import gc
 import importlib.util
 import itertools
 import logging
@@ -198,7 +199,8 @@ def _with_warnings(
     """Return the result, and texts of warnings, which a worker cannot show."""
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
-    # glibc keeps freed memory in pieces, which may be too small for the next item.
+    # What refers to itself is freed, and what glibc keeps in pieces is given back.
+    gc.collect()
     with contextlib.suppress(AttributeError, OSError, TypeError):  # of other systems
         ctypes.CDLL(None).malloc_trim(0)
     return result, [str(warning.message) for warning in caught]

@@ -109,9 +109,7 @@ def inertia_and_gravity(
             centre[:, :2] = x, -math.copysign(1.0, links[0].anchor[1]) * middle
         else:
             centre[:, 0], centre[:, 2] = x, door.hinge_sign * middle
-        before, after = (
-            carried(moving, angles + step, centre) for step in (-_STEP, _STEP)
-        )
+        before, after = (carried(moving, angles + h, centre) for h in (-_STEP, _STEP))
         rates = (after - before) / (2.0 * _STEP)
         thick = door.leaf.thickness if high > low else 0.0
         about = mass * ((high - low) ** 2 + thick**2) / 12.0
