@@ -83,7 +83,7 @@ REFUSED = {
     r"times\[3\] = 0.75 is not later than 0.9": lambda: shown(
         times=changed(SECONDS, 2, 0.9)
     ),
-    "has three samples or more: 2": lambda: shown(np.arange(2.0), np.eye(2, 6)),
+    "has 3 samples or more, not 2": lambda: shown(np.arange(2.0), np.eye(2, 6)),
     "never moves": lambda: shown(poses=np.ones((5, 6))),
     r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": lambda: shown(
         poses=np.hstack([np.zeros((5, 3)), TURNS])

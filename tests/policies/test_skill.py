@@ -183,7 +183,7 @@ def test_via_point_frees_outputs_by_nan_or_infinite_noise():
     [
         (
             {"phase": np.nan, "pose": np.zeros(6)},
-            "via-point's phase must be a finite",
+            "phase of a via-point must be a finite",
         ),
         ({"phase": 0.1, "pose": np.zeros(6), "std": np.ones(3)}, "std must be one .*3"),
         ({"phase": 0.1, "pose": np.zeros(6), "along": np.ones((1, 6))}, "along must"),

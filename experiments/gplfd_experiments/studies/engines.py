@@ -122,7 +122,7 @@ class Engine:
                 lost = []
                 while True:
                     for item in itertools.islice(waiting, at_once - len(running)):
-                        call = submit(_with_warnings, work, item)
+                        call = submit(_in_worker, work, item)
                         running[call] = item
                         call.add_done_callback(ended.put)
                     if not running:
@@ -193,13 +193,13 @@ def _begin_worker() -> None:
     os.dup2(2, 1)
 
 
-def _with_warnings(
+def _in_worker(
     work: Callable[[ItemT], ResultT], item: ItemT
 ) -> tuple[ResultT, list[str]]:
-    """Return the result, and texts of warnings, which a worker cannot show."""
+    """Return result and texts of warnings, and give memory back to the system."""
     with warnings.catch_warnings(record=True) as caught:
         result = work(item)
-    # What refers to itself is freed, and what glibc keeps in pieces is given back.
+    # Agents refer to themselves; glibc keeps what is freed in pieces.
     gc.collect()
     with contextlib.suppress(AttributeError, OSError, TypeError):  # of other systems
         ctypes.CDLL(None).malloc_trim(0)

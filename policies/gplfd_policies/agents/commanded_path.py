@@ -46,7 +46,7 @@ class CommandedPath:
         own_arrays(self, "times", "poses", "path", "std", "stiffness")
         for name in ("times", "poses", "path", "std", "stiffness"):
             if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"{name} must be finite on the path; learn it again")
+                raise ValueError(f"{name} must be finite; learn the skill again")
         for sample, axis in np.argwhere(~(self.margin > 0.0)).tolist():
             raise ValueError(
                 f"at {self.times[sample]:.4g} s the stiffness of axis {axis} rises to "

@@ -109,7 +109,7 @@ class AlignedDemonstrations:
                 f"{times.shape} and {poses.shape}"
             )
         if len(poses) < 1 or len(times) < 2:
-            raise ValueError(f"needs a demonstration and two phases: {poses.shape}")
+            raise ValueError(f"needs a demonstration and two phases, got {poses.shape}")
         if not (np.isfinite(poses).all() and np.isfinite(times).all()):
             raise ValueError("times and poses must be finite; drop NaN and inf first")
         if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):

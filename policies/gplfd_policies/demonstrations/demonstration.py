@@ -47,7 +47,7 @@ class Demonstration:
                 f"θu_x, θu_y, θu_z, got {times.shape} and {poses.shape}"
             )
         if times.size < 3:
-            raise ValueError(f"a demonstration has three samples or more: {times.size}")
+            raise ValueError(f"a demonstration has 3 samples or more, not {times.size}")
         for name, rows in (("times", times[:, None]), ("poses", poses)):
             bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
             if bad.size:

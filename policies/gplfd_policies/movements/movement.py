@@ -236,7 +236,7 @@ class ViaPoint:
     def __post_init__(self) -> None:
         if not (isinstance(self.phase, Real) and math.isfinite(self.phase)):
             raise ValueError(
-                f"a via-point's phase must be a finite number: {self.phase!r}"
+                f"The phase of a via-point must be a finite number, got {self.phase!r}."
             )
         pose = np.array(self.pose, dtype=np.float64)
         if pose.shape != (6,) or np.isinf(pose).any():
@@ -271,7 +271,7 @@ def _of_outputs(name: str, value: float | Pose) -> Pose:
     numbers = np.asarray(value)
     if numbers.shape not in ((), (1,), (6,)):
         raise ValueError(
-            f"ViaPoint.{name} must be one number or six, got {numbers.shape}"
+            f"ViaPoint.{name} must be one number or six [m, rad], got {numbers.shape}"
         )
     return np.full(6, numbers, dtype=np.float64)
 

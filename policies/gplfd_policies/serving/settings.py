@@ -84,7 +84,7 @@ class ServeSettings(OperatorLimits):
     socket: Path | None = _option(
         None, "Listen on this Unix socket, mode 0600, instead of standard input."
     )
-    port: int | None = _option(None, "Listen on this TCP port; 0 for any free one.")
+    port: int | None = _option(None, "Listen on this TCP port instead; 0 for any free.")
     protocol: Literal["lines", "openpi"] = _option(
         "lines",
         "Lines of JSON (docs/robot.md), or openpi: a WebSocket on --port (8000 "
