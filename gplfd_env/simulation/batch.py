@@ -28,17 +28,16 @@ class SameStructureBatch:
         self, n: int, robot: Robot, begin: Variation, num_threads: int
     ) -> None:
         self._robot, self._threads = robot, num_threads
-        scene = build_scene(**robot.scene(begin))
+        self._scene = build_scene(**robot.scene(begin))
         self.loaded = [begin] * n
-        self.models = [scene.__copy__() for _ in range(n)]
+        self.models = [self._scene] * n  # Loaded rows have their own, of 0.2 MB.
         self._bind()
 
     def _bind(self) -> None:
         """Create the batch of the models and keep its live views."""
-        scene = self.models[0].__copy__()
+        scene = self._scene.__copy__()
         self._scratch = mujoco.MjData(scene)
-        impedance = self._robot.command.control == "impedance"
-        self._gains = [ServoGains(model) for model in self.models if impedance]
+        self._soft = self._robot.command.control == "impedance"
         self._batch = Batch(scene, nsim=len(self.models), nthread=self._threads)
         self._batch.set_models(self.models)
         self._ctrl = self._batch.bind("ctrl")
@@ -53,7 +52,9 @@ class SameStructureBatch:
 
     def load(self, row: int, variation: Variation) -> None:
         """See `DoorBatch.load`; the door has this structure."""
-        now, door, model = self.loaded[row], variation.door, self.models[row]
+        now, door = self.loaded[row], variation.door
+        if (model := self.models[row]) is self._scene:
+            model = self.models[row] = self._scene.__copy__()
         if variation.scene != now.scene:
             load_scene(model, self._scratch, **self._robot.scene(variation))
         if not now.disturbance.idle:
@@ -62,8 +63,8 @@ class SameStructureBatch:
 
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
-        for row in rows if self._gains else ():
-            self._gains[row].set(self._robot.command.rest[6:])
+        for row in rows if self._soft else ():
+            ServoGains(self.models[row]).set(self._robot.command.rest[6:])
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets the warning counts of these simulations to zero.
@@ -79,12 +80,13 @@ class SameStructureBatch:
             self._ctrl[row, self._base_rate] = rate
         for row, width in inputs.gripper_widths.items():
             self._ctrl[row, self._fingers] = 0.5 * width
-        changed = bool(self._gains)
+        changed = self._soft
         for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
-        for row, servo in enumerate(self._gains):
-            servo.set(commands[row, 6:])
+        if self._soft:
+            for row in range(len(self.models)) if rows is None else rows:
+                ServoGains(self.models[row]).set(commands[row, 6:])
         if changed:
             self._batch.set_models(self.models)
         self._batch.step(rows, nstep=self._substeps)
@@ -106,10 +108,10 @@ class SameStructureBatch:
 
     def __getstate__(self) -> tuple[Any, ...]:
         states = self._batch.state.copy()
-        return self._robot, self._threads, self.loaded, self.models, states
+        return self._robot, self._threads, self._scene, self.loaded, self.models, states
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._robot, self._threads, self.loaded, self.models, states = state
+    def __setstate__(self, kept: tuple[Any, ...]) -> None:
+        self._robot, self._threads, self._scene, self.loaded, self.models, states = kept
         # Neither the batch nor its views can be copied.
         self._bind()
         self._batch.state[:] = states

@@ -74,10 +74,8 @@ class Command:
                 f"{reprlib.repr(action)}"
             ) from None
         if command.shape != shape:
-            got = f"got shape {command.shape}"
-            raise ValueError(
-                f"the action must have shape {shape}, {self.meaning}; {got}"
-            )
+            wanted = f"the action must have shape {shape}, {self.meaning}"
+            raise ValueError(f"{wanted}; got shape {command.shape}")
         if ignored is not None:
             command[ignored] = self.rest
         # For a single action a loop over floats is faster than NumPy's reduction.

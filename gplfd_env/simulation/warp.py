@@ -58,7 +58,7 @@ class WarpPhysics(SameStructureBatch):
 
     def _bind(self) -> None:
         """Create model and data on the device, and capture a control period."""
-        scene, n = self.models[0].__copy__(), len(self.models)
+        scene, n = self._scene.__copy__(), len(self.models)
         self._scratch = mujoco.MjData(scene)
         self._bodies = self._robot.loaded_bodies(scene)
         self._model = mjw.put_model(scene, batch_sizes=dict.fromkeys(WORLD_FIELDS, n))
