@@ -49,7 +49,7 @@ def opened(policy, *doors, seeds=(0, 0, 0), **options):
         logs = rollouts(
             envs,
             batch_agents([make() for _ in doors]),
-            policy=policy,
+            policies=[policy] * len(doors),
             doors=[f"{door.radius:g}" for door in doors],
             seeds=seeds[: len(doors)],
             forecast_period=None,

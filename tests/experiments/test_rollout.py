@@ -173,8 +173,8 @@ def in_lockstep(
     agents = batch_agents([make() for _ in DOORS])
     settings = {"door": DOORS, "autoreset_mode": "Disabled", **options}
     envs: Any = gym.make_vec(ENVIRONMENT_IDS[agents.control], len(DOORS), **settings)
-    names = [str(door) for door in DOORS]
-    return tuple(rollouts(envs, agents, policy=policy, doors=names, seeds=SEEDS))
+    names, same = [str(door) for door in DOORS], [policy] * len(DOORS)
+    return tuple(rollouts(envs, agents, policies=same, doors=names, seeds=SEEDS))
 
 
 @pytest.mark.bits

@@ -241,7 +241,7 @@ def model_of(task: EpisodeTask, control: Control = "pose") -> mujoco.MjModel:
 def open_together(
     tasks: Sequence[EpisodeTask], agents: Sequence[Agent], **options: Any
 ) -> Iterator[EpisodeLog]:
-    """Open the doors of tasks of one policy, robot, base and start in lockstep.
+    """Open the doors of tasks of one robot, base and start in lockstep.
 
     There is an agent and a log per task. A log is made when it is taken. The options
     are those of `rollouts`; by default, no forecasts are taken.
@@ -263,7 +263,7 @@ def open_together(
         return rollouts(
             envs,
             together,
-            policy=first.policy,
+            policies=[task.policy for task in tasks],
             doors=[task.door for task in tasks],
             seeds=[task.reset_seed for task in tasks],
             **{"forecast_period": None, **options},

@@ -80,7 +80,7 @@ def rollouts(
     envs: DoorOpeningVectorEnv,
     agents: AgentBatch,
     *,
-    policy: str,
+    policies: Sequence[str],
     doors: Sequence[str],
     seeds: Sequence[int],
     forecast_period: float | None = 0.35,
@@ -131,6 +131,7 @@ def rollouts(
         command = decided.command(agents.control)
         observations, _, terminated, truncated, infos = envs.step(command)
         ended = terminated | truncated
+    names = zip(policies, doors, seeds, strict=True)
     return (
         _log(
             {name: array[: lengths[row], row] for name, array in steps.arrays.items()},
@@ -142,7 +143,7 @@ def rollouts(
             door=door,
             seed=seed,
         )
-        for row, (door, seed) in enumerate(zip(doors, seeds, strict=True))
+        for row, (policy, door, seed) in enumerate(names)
     )
 
 

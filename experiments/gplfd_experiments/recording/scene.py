@@ -185,14 +185,12 @@ def view_3d(
     name: str, origin: str, contents: Sequence[str], eye: Eye
 ) -> rrb.Spatial3DView:
     """Return a 3-D view of entities, given by queries, in the frame of ``origin``."""
-    position, target, up = eye
+    place, target, up = eye
     return rrb.Spatial3DView(
         origin=origin,
         name=name,
         contents=contents,
         background=BACKGROUND,
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=position, look_target=target, eye_up=up
-        ),
+        eye_controls=rrb.EyeControls3D(position=place, look_target=target, eye_up=up),
     )

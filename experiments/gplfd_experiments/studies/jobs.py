@@ -5,6 +5,7 @@ import math
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,7 +37,7 @@ from gplfd_experiments.studies.sources import (
     policy_of,
 )
 from gplfd_experiments.studies.store import RESULT_STAMP
-from gplfd_experiments.studies.tasks import Job, Result, SkillTask
+from gplfd_experiments.studies.tasks import TOGETHER, Job, Result, SkillTask
 from gplfd_policies.agents.agent import shared_in_batch
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.registry.method import Policy
@@ -81,21 +82,21 @@ def _run(
     # In the process of a user's policy, an interruption is the policy's, too.
     users = in_own_process(job[0])
     errors = (BaseException,) if users else (Exception, SystemExit)
-    movements: Movements = {}
+    policies: dict[str, Policy] = {}
     results: dict[str, Result] = {}
     for name in dict.fromkeys(task.policy for task in job):
         tasks = [task for task in job if task.policy == name]
         policy: Policy | None = None
         try:
-            policy = policy_of(tasks[0], files)
+            policy = policies[name] = policy_of(tasks[0], files)
             if not isinstance(tasks[0], EpisodeTask):
                 metrics = _learning_metrics(tasks[0], policy, recordings)
                 return [{**_origin(tasks[0]), "metrics": _plain(metrics)}]
         except errors as error:
             results |= {task.key: _error_result(task, error, policy) for task in tasks}
-        else:
-            episodes = [task for task in tasks if isinstance(task, EpisodeTask)]
-            results |= _opened(episodes, policy, movements, errors, allow)
+    episodes = [task for task in job if isinstance(task, EpisodeTask)]
+    learnable = [task for task in episodes if task.policy in policies]
+    results |= _opened(learnable, policies, errors, allow)
     return [results[task.key] for task in job]
 
 
@@ -116,32 +117,31 @@ def _learning_metrics(
 
 def _opened(
     episodes: Sequence[EpisodeTask],
-    policy: Policy,
-    movements: Movements,
+    policies: Mapping[str, Policy],
     errors: tuple[type[BaseException], ...],
     allow: Callable[[float], None],
 ) -> dict[str, Result]:
-    """Open the doors of one policy's tasks; return the results by the tasks' keys."""
+    """Open the doors of a job's tasks; return the results by the tasks' keys."""
+    movements: Movements = {}
     results: dict[str, Result] = {}
-    learned: dict[str, Any] = {}  # What makes agents, or an error.
-    # In one batch with agents of another kind, all would be called one by one.
-    kinds: dict[str, object] = {}
+    learned: dict[str, Any] = {}  # What makes agents and their kind, or an error.
     batches: list[tuple[object, list[EpisodeTask]]] = []
     for task in episodes:
-        key = task.training_key
+        key, policy = task.training_key, policies[task.policy]
         if key not in learned:
             allow(LEARNING_LIMIT)
             try:
-                learned[key] = learned_agents(task, policy, movements=movements)
+                make = learned_agents(task, policy, movements=movements)
                 # Agents that learn when they are made are made once.
-                if policy.method is not None:
-                    kinds[key] = shared_in_batch(learned[key]())
+                kind = None if policy.method is None else shared_in_batch(make())
+                learned[key] = make, kind or task.policy
             except errors as error:
                 learned[key] = error
         if isinstance(learned[key], BaseException):
             results[task.key] = _error_result(task, learned[key], policy)
             continue
-        kind = kinds.get(key)
+        # A batch is of one kind, whatever the policies: others act one by one.
+        _, kind = learned[key]
         alike = next((tasks for other, tasks in batches if other == kind), None)
         if alike is None:
             batches.append((kind, alike := []))
@@ -154,7 +154,7 @@ def _opened(
         try:
             logs = open_together(
                 tasks,
-                [learned[task.training_key]() for task in tasks],
+                [learned[task.training_key][0]() for task in tasks],
                 forecast_period=FORECAST_PERIOD,
                 # Others are not scored.
                 forecast_angles=np.outer(angles, PROGRESS),
@@ -168,14 +168,18 @@ def _opened(
                 }
         except errors as error:
             if len(tasks) == 1:
-                results[tasks[0].key] = _error_result(tasks[0], error, policy)
+                (task,) = tasks
+                results[task.key] = _error_result(task, error, policies[task.policy])
                 return
             half = len(tasks) // 2
             open_doors(tasks[:half])
             open_doors(tasks[half:])
 
     for _, alike in batches:
-        open_doors(alike)
+        # Episodes of a trial are of about one length.
+        alike.sort(key=attrgetter("trial"))
+        for first in range(0, len(alike), TOGETHER):
+            open_doors(alike[first : first + TOGETHER])
     return results
 
 

@@ -333,15 +333,13 @@ def _recorded(
             # HDF5 keeps no empty mapping, which the default door would be.
             radius = door_config(dict(task.door_config)).radius
             door = {"radius": radius, **task.door_config}
-            observation, _ = recorder.reset(
-                seed=task.reset_seed, options={"door": door}
-            )
+            seen, _ = recorder.reset(seed=task.reset_seed, options={"door": door})
             agent.inform(inner.door_geometry)  # type: ignore[attr-defined]
-            agent.reset(observation)
+            agent.reset(seen)
             ended = False
             while not ended:
-                action = agent.act(observation).command(agent.control)
-                observation, _, terminated, truncated, _ = recorder.step(action)
+                action = agent.act(seen).command(agent.control)
+                seen, _, terminated, truncated, _ = recorder.step(action)
                 ended = terminated or truncated
         episode = recorder.episode
         LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))

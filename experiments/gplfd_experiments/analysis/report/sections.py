@@ -421,15 +421,13 @@ def table_one_section(tests: Results) -> Section:
         ("Marks of the methods as published", [f"{p}@published" for p in TABLE_1]),
         ("Marks of the tuned learners", [f"{p}@tuned" for p in TABLE_1]),
     ):
-        measured = {
-            p: [t.metrics for t in standard[p]] for p in policies if p in standard
-        }
+        runs = {p: [t.metrics for t in standard[p]] for p in policies if p in standard}
         rows = []
         for row, criterion in CRITERIA.items():
             limit = criterion.limits[0]
             bound = f"≤ {limit.high:g}" if limit.high < math.inf else f"≥ {limit.low:g}"
             cells = {"": f"{row}\n{limit.symbol} {bound}"}
-            for policy, metrics in measured.items():
+            for policy, metrics in runs.items():
                 earned, published = mark(criterion, metrics), policy in criterion.paper
                 text, value = _SIGN[earned.passed], earned.value
                 if value is not None and 0.0 < abs(value) < 1e-3:
@@ -440,7 +438,7 @@ def table_one_section(tests: Results) -> Section:
                     text = f"**{text}**\n(paper {_SIGN[published]})"
                 cells[code(policy)] = text
             rows.append(cells)
-        if measured:
+        if runs:
             blocks.append(replace(Table.of(rows), title=title, note=_MARKS_NOTE))
     meanings = Table(
         columns=("row", "what is measured"),

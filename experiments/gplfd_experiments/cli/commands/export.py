@@ -117,16 +117,14 @@ class Serve(ServeSettings):
         from gplfd_policies.demonstrations.npz import LabelledDemonstrations
         from gplfd_policies.serving.server import serve
 
-        demonstrations = None
+        labelled = None
         if self.demonstrations is None and not self.source.endswith(".npz"):
             teacher = Teacher()
             openings = teacher.standard_demonstrations(seed=self.seed)
             radii = (None,) * len(openings)
-            demonstrations = LabelledDemonstrations(
-                demonstrations=openings, radii=radii
-            )
+            labelled = LabelledDemonstrations(demonstrations=openings, radii=radii)
             if self.start == "approach":
                 reaches = teacher.standard_reaches(seed=self.seed)
-                demonstrations = with_reaches(reaches, openings, radii)
-        serve(self, demonstrations)
+                labelled = with_reaches(reaches, openings, radii)
+        serve(self, labelled)
         return 0

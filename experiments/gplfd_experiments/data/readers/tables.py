@@ -301,7 +301,7 @@ def recording(
     ):
         if getattr(settings, option) is not None and not has_effect:
             notes.append(f"--{option.replace('_', '-')} has no effect on its columns")
-    quaternions, wrenches, times, reading = None, None, None, ""
+    turns, wrenches, times, reading = None, None, None, ""
     if "secs" in columns and "t" not in columns:
         seconds = columns["secs"][0] - np.nanmin(columns["secs"][0])
         nanoseconds = columns.get("nsecs", (np.zeros(len(seconds)), None))[0]
@@ -327,9 +327,7 @@ def recording(
         clock, rate = times, settings.recorded_rate
         if clock is None or rate is not None:
             clock = np.arange(len(values)) / (rate or 1.0)
-        quaternions, reading = _turned(
-            form, values, unit or "rad", clock, settings, notes
-        )
+        turns, reading = _turned(form, values, unit or "rad", clock, settings, notes)
     measured = columns.keys() & set(FORCE)
     if set(FORCE[:3]) <= measured:
         (forces, _), (moments, unit) = quantity(FORCE[:3]), quantity(FORCE[3:])
@@ -343,7 +341,7 @@ def recording(
         notes.append(f"columns {listed(unused)} are not used")
     positions, unit = quantity(POSITION)
     signals = {"gripper": quantity(("gripper",))[0]} if "gripper" in columns else {}
-    motion = RawRecording(name, positions, unit, times, quaternions, reading, wrenches)
+    motion = RawRecording(name, positions, unit, times, turns, reading, wrenches)
     return replace(motion, signals=signals, notes=tuple(notes))
 
 
