@@ -83,12 +83,10 @@ class ForceForecast:
         if due.any():
             total, count = self._sum[rows], self._count[rows]
             means = total[due] / np.asarray(count)[due][:, None]
-            measured = zip(
-                np.asarray(self._phases[rows])[due].tolist(), means, strict=True
-            )
+            seen = zip(np.asarray(self._phases[rows])[due].tolist(), means, strict=True)
             self._movements.observe(
                 self._movements.numbers[rows][due].tolist(),
-                [ViaPoint(phase=s, pose=mean, std=self._noise) for s, mean in measured],
+                [ViaPoint(phase=s, pose=mean, std=self._noise) for s, mean in seen],
             )
             self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
             self._count[rows] = np.where(due, 0.0, count)

@@ -205,10 +205,8 @@ class Replicates:
 
     def condition(self, kernel: RBF, noise_variance: Curve) -> ExactGP:
         """Posterior of f given all D·M observations, Eqs. (10)–(11)."""
-        times, noise = self.times, noise_variance / self.count
-        return ExactGP(
-            kernel=kernel, times=times, values=self.mean, noise_variance=noise
-        )
+        t, noise = self.times, noise_variance / self.count
+        return ExactGP(kernel=kernel, times=t, values=self.mean, noise_variance=noise)
 
 
 class SpectralEvidence:

@@ -148,23 +148,21 @@ class Skill(LearnedMovement):
         share_rate = self.smoothness / self.count * moments.noise_rate
         smooth = moments.latent >= share
         variance = np.where(smooth, moments.latent, share) + moments.noise
-        variance_rate = moments.noise_rate + np.where(
-            smooth, moments.latent_rate, share_rate
-        )
+        rate = moments.noise_rate + np.where(smooth, moments.latent_rate, share_rate)
         displacement = None
         if self.count == 1:
             # γ (m(t) - m(0)), by the unknown size of a single demonstration.
             start = self.processes.moments(self.aligned.times[:1]).mean
             displacement = SIZE_STD * (moments.mean - start)
             variance = variance + displacement**2
-            variance_rate += 2.0 * SIZE_STD * displacement * moments.mean_rate
+            rate += 2.0 * SIZE_STD * displacement * moments.mean_rate
         std = np.sqrt(variance)
         return GaussianTrajectory(
             times=times,
             mean=moments.mean,
             std=std,
             mean_rate=moments.mean_rate,
-            std_rate=variance_rate / (2.0 * std),
+            std_rate=rate / (2.0 * std),
             covariance_function=partial(self._covariance, times, moments, displacement),
             degrees_of_freedom=self.degrees_of_freedom,
         )

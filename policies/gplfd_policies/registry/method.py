@@ -196,9 +196,8 @@ class Method:
             raise ValueError("no demonstrations were given; at least one is needed")
         pipeline = self.pipeline
         aligned = continued(pipeline.align(training.demonstrations), pipeline.beyond)
-        fit = (
-            partial(learner.fit, seed=training.seed) if learner.seeded else learner.fit
-        )
+        fit, seed = learner.fit, training.seed
+        fit = partial(fit, seed=seed) if learner.seeded else fit
         if prior_mean is None:
             movement = as_movement(fit(aligned), aligned)
         else:
