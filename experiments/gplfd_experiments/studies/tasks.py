@@ -53,7 +53,7 @@ Job = tuple[Task, ...]
 
 _MOST: Final = 100_000  # Largest number of tasks of a study.
 
-TOGETHER: Final = 256
+TOGETHER: Final = 192
 """Largest usual number of a policy's episodes in a job: a step costs little more, and
 an interruption loses a few minutes."""
 SHARED: Final = 24
