@@ -54,8 +54,8 @@ Job = tuple[Task, ...]
 _MOST: Final = 100_000  # Largest number of tasks of a study.
 
 TOGETHER: Final = 192
-"""Largest usual number of a policy's episodes in a job: a step costs little more, and
-an interruption loses a few minutes."""
+"""Largest number of episodes in lockstep, and usual number of a policy in a job: a step
+costs little more, and an interruption loses a few minutes."""
 SHARED: Final = 24
 """Number of episodes from which two workers share them."""
 
@@ -87,7 +87,7 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together; large groups, which take long, first.
 
     A job has all episodes after some sets of demonstrations, by the policies that
-    differ in their pipeline only; about `TOGETHER` of a policy act in lockstep.
+    differ in their pipeline only; it has about `TOGETHER` of each at most.
     """
     groups: dict[str, dict[str, dict[str, Task]]] = {}
     for task in study:
