@@ -38,7 +38,8 @@ class GriddedMovement:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
         self.learned, self.n_grid = movement, n_grid
         self._grid = np.linspace(0.0, 1.0, n_grid)
-        self._unadapted = begin_adaptation(movement, form, self._grid)
+        # A copy, because other predictions change what a movement keeps for the next.
+        self._unadapted = copy.deepcopy(begin_adaptation(movement, form, self._grid))
         self.distribution, self._fresh, self._seen = self._unadapted, False, 0.0
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "GriddedMovement":

@@ -143,9 +143,7 @@ def position_basis(config: ProDMPConfig) -> Any:
     system = {name: getattr(config, name) for name in ("n_basis", "alpha_x", "overlap")}
     forcing = forcing_basis(z[:, 0], DMPConfig(**system))
     p_1, p_2 = (
-        scipy.integrate.cumulative_simpson(
-            integrand, dx=1.0 / _STEPS, axis=0, initial=0.0
-        )
+        scipy.integrate.cumulative_simpson(integrand, dx=1 / _STEPS, axis=0, initial=0)
         for integrand in (z * forcing / y_1, forcing / y_1)
     )
     resting, slope = y_1 + damping * z * y_1, slope_1 + damping * slope_2
