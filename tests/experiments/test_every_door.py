@@ -14,9 +14,7 @@ from gplfd_policies.demonstrations.npz import load_demonstrations
 pytestmark = pytest.mark.slow
 
 PUSHED = {"radius": 0.7, "handle": "knob", "latch": "spring", "swing": "push"}
-KINDS = {
-    (*door.kind.values(), door.radius > 0.65): name for name, door in DOORS.items()
-}
+KINDS = {(*door.kind.values(), door.radius > 0.65): key for key, door in DOORS.items()}
 """The last preset of every kind of door and robot."""
 
 

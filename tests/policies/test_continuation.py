@@ -133,9 +133,11 @@ def test_a_prior_mean_is_stretched_over_the_longer_task():
 def test_what_was_seen_beyond_the_demonstrations_is_known(skill):
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)
     seen = ViaPoint(phase=0.8, pose=skill.predict(np.array([0.8])).mean[0])
+    before = gridded.distribution.std.copy()
     GriddedMovements(gridded).observe([0], [seen])
     grid = np.linspace(0.0, 1.0, 100)
     expected = np.maximum(grid - 0.8, 0.0)[:, None] * skill.aligned.drift
     assert_allclose(gridded.drift, expected)
     gridded.reset()
     assert gridded.drift[70].max() > 0.0
+    assert_array_equal(gridded.distribution.std, before)
