@@ -29,9 +29,7 @@ doors = st.builds(
     radius=st.floats(0.30, 0.65),
     hinge_friction=st.floats(0.0, 5.0),
     hinge_damping=st.floats(0.0, 5.0),
-    closer=st.builds(
-        Closer, stiffness=st.floats(0.0, 5.0), preload=st.floats(0.0, 5.0)
-    ),
+    closer=st.builds(Closer, stiffness=st.floats(0, 5), preload=st.floats(0, 5)),
     panel_mass=st.floats(1.0, 100.0),
     handle_height=st.floats(0.70, 0.85),
     leaf=st.builds(Leaf, handle_standoff=st.floats(0.06, 0.12)),
@@ -78,9 +76,7 @@ building_doors = st.builds(
 scenes = st.tuples(doors, placements)
 PLAIN = DoorConfig(), Placement()
 ODD = (
-    DoorConfig(
-        radius=0.31, panel_mass=97.0, handle_height=0.71, closer={"preload": 4.0}
-    ),
+    DoorConfig(radius=0.31, panel_mass=97, handle_height=0.71, closer={"preload": 4}),
     Placement(base_x=0.02, base_yaw=-0.05, grasp_height=0.03, grasp_depth=0.003),
 )
 

@@ -151,9 +151,7 @@ def test_free_hand_reads_zero_and_a_known_load_reads_right(degrees, turn, free):
 
 def test_force_on_the_hand_is_minus_the_force_on_the_handle(start_env):
     """Third law between two separate sensors: wrist and bar contact."""
-    env = start_env(
-        {"closer": {"preload": 6.0}, "radius": RADIUS, "hinge_friction": 1.0}
-    )
+    env = start_env({"closer": {"preload": 6}, "radius": RADIUS, "hinge_friction": 1})
     calm(env)
     target = handle_pose_on_arc(RADIUS, np.radians(35.0))
     target[1] += 0.003

@@ -75,10 +75,8 @@ def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     assert said[0] == "gplfd: 8 tasks, 0 of them done already"
     assert said[1].startswith("gplfd: 1 of 8 tasks ended in errors, kept in ")
     assert said[2:] == ["gplfd: oracle, small, seed 1: ValueError: cannot learn"]
-    settings = read_settings(tmp_path / "study.toml")
-    assert settings == StudySettings(
-        policies=("gp", "oracle"), doors=("small",), seeds=2
-    )
+    kept = read_settings(tmp_path / "study.toml")
+    assert kept == StudySettings(policies=("gp", "oracle"), doors=("small",), seeds=2)
     config = json.loads((tmp_path / "study.json").read_text())["config"]
     assert (config["seeds"], config["engine"]) == (2, "serial")
     # Two episodes per policy, and two learning tests per seed of the one that learns.

@@ -503,13 +503,11 @@ def test_weight_and_bias_are_removed_exactly(axes, sign):
     applied = rng.normal(size=(len(hand), 6)) * (np.asarray(raw.times) > 0.5)[:, None]
     centre, down = np.array([0.01, 0.02, 0.15]), np.array([0.6, 0.0, -0.8])
     arms = np.einsum("nij,j->ni", sensor[:, :3, :3], centre)
-    weight = np.hstack(
-        [np.tile(7.0 * down, (len(hand), 1)), np.cross(arms, 7.0 * down)]
-    )
+    load = 7.0 * np.hstack([np.tile(down, (len(hand), 1)), np.cross(arms, down)])
     about = applied - np.hstack(
         [0.0 * arms, np.cross(sensor[:, :3, 3] - hand[:, :3, 3], applied[:, :3])]
     )
-    felt = (about + weight).reshape(-1, 2, 3) @ turned
+    felt = (about + load).reshape(-1, 2, 3) @ turned
     felt = felt.reshape(-1, 6) + np.array([3.0, -2.0, 1.0, 0.1, 0.2, 0.3])
     motion = only(
         replace(raw, wrenches=sign * felt),

@@ -155,11 +155,10 @@ def write_messages(path: Path, storage: Any, **topics: list[Any]) -> None:
     with Writer(path, version=9, storage_plugin=storage) as writer:
         for topic, messages in topics.items():
             kind = messages[0].__msgtype__
-            connection = writer.add_connection(f"/{topic}", kind, typestore=STORE)
+            channel = writer.add_connection(f"/{topic}", kind, typestore=STORE)
             for time, content in enumerate(messages):
-                writer.write(
-                    connection, 10**9 + time, STORE.serialize_cdr(content, kind)
-                )
+                data = STORE.serialize_cdr(content, kind)
+                writer.write(channel, 10**9 + time, data)
 
 
 def write_bag(path: Path, *topics: str, storage: Any = StoragePlugin.MCAP) -> None:

@@ -4,15 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process.kernels import Matern
 
+from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.movements.baselines.gmm_gp import (
     MixtureKernel,
     NoiseLikelihood,
     fit_gmm_gp,
 )
+from gplfd_policies.movements.movement import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 
@@ -49,6 +52,18 @@ def test_the_kernel_is_the_published_one_with_the_kernels_of_a_library(process):
     kernel = process.kernel(*map(process.kernel.places, (GRID, phases)))
     expected = published_kernel(process, GRID, phases)
     assert_allclose(scale[:, None, None] * kernel * scale, expected, atol=1e-12)
+
+
+@pytest.mark.bits
+def test_an_agent_adapts_alike_whatever_else_was_predicted(process):
+    """The process keeps its last prediction, which a via-point extends."""
+    gridded, means = GriddedMovement(process, OwnAdaptation, 41), []
+    for other in (GRID, GRID[::2]):
+        process.predict(other)
+        gridded.reset()
+        gridded.adapted_at(0.3).observe(ViaPoint(phase=0.3, pose=np.full(6, 0.1)))
+        means.append(gridded.distribution.mean)
+    assert_array_equal(*means)
 
 
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])

@@ -92,9 +92,7 @@ def test_a_policy_begins_at_start_is_led_and_goes_on_corrected(
     shown = Teacher().standard_demonstrations(seed=0)
     bars = gp.learn(TrainingInput(demonstrations=shown))
     store = CorrectedSkill(gp, bars, tmp_path / "better.npz")
-    tasks = [
-        episode_task(name, door_config(name), policy="gp", seed=0) for name in names
-    ]
+    tasks = [episode_task(x, door_config(x), policy="gp", seed=0) for x in names]
     lessons = [
         partial(CorrectionLesson, task, store, "mouse", drawn=False) for task in tasks
     ]
