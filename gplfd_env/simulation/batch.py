@@ -37,7 +37,7 @@ class SameStructureBatch:
         """Create the batch of the models and keep its live views."""
         scene = self._scene.__copy__()
         self._scratch = mujoco.MjData(scene)
-        self._soft = self._robot.command.control == "impedance"
+        self._impedance = self._robot.command.control == "impedance"
         self._batch = Batch(scene, nsim=len(self.models), nthread=self._threads)
         self._batch.set_models(self.models)
         self._ctrl = self._batch.bind("ctrl")
@@ -63,7 +63,7 @@ class SameStructureBatch:
 
     def restart(self, rows: Rows) -> None:
         """See `DoorBatch.restart`."""
-        for row in rows if self._soft else ():
+        for row in rows if self._impedance else ():
             ServoGains(self.models[row]).set(self._robot.command.rest[6:])
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
@@ -80,11 +80,11 @@ class SameStructureBatch:
             self._ctrl[row, self._base_rate] = rate
         for row, width in inputs.gripper_widths.items():
             self._ctrl[row, self._fingers] = 0.5 * width
-        changed = self._soft
+        changed = self._impedance
         for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
-        if self._soft:
+        if self._impedance:
             for row in range(len(self.models)) if rows is None else rows:
                 ServoGains(self.models[row]).set(commands[row, 6:])
         if changed:
