@@ -176,14 +176,12 @@ def test_a_stop_bears_the_pull_and_gives_way(start_env):
     env = start_env(disturbance={"stop": {"angle": 0.1, "duration": 1.5}})
     pulls = np.zeros((400, 6))
     pulls[:, 0] = np.minimum(0.0002 * np.arange(400), 0.07)
-    angle, stop, pulled = told(
-        env, pulls, "door_angle", "stop_force", "force_tangential"
-    )
+    angle, stop, pull = told(env, pulls, "door_angle", "stop_force", "force_tangential")
     touched = int(np.argmax(angle >= 0.1 - math.radians(0.5)))
     blocked = slice(touched + 50, touched + 150)
     assert np.abs(angle[blocked] - 0.1).max() < math.radians(0.5)
     # What is left of the pull once the hinge's friction of 0.5 N m bears its part.
-    assert_allclose(stop[blocked], pulled[blocked] - 1.0, atol=1.2)
+    assert_allclose(stop[blocked], pull[blocked] - 1.0, atol=1.2)
     assert stop[blocked][-1] > 5.0
     assert_array_equal(stop[touched + 152 :], 0.0)
     assert angle[-1] > angle[blocked].max() + 0.004

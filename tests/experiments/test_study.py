@@ -27,9 +27,7 @@ def episode(policy="gp", door="small", seed=0, **fields):
 
 
 def episodes(policies, seeds):
-    return [
-        episode(p, door, seed) for seed in seeds for p in policies for door in DOORS
-    ]
+    return [episode(p, d, seed) for seed in seeds for p in policies for d in DOORS]
 
 
 @pytest.fixture

@@ -167,10 +167,24 @@ def test_agents_that_are_computed_together_share_a_batch(opened):
 def test_a_policy_without_a_method_learns_once_per_door(opened, monkeypatch):
     oracle = registry.policy_named("oracle")
     make = mock.Mock(side_effect=oracle.make)
-    changed = {"oracle": dataclasses.replace(oracle, make=make)}
+    changed = {"oracle": dataclasses.replace(oracle, make=make, kind="method")}
     monkeypatch.setattr(registry, "POLICIES", changed)
     run_job((task("oracle", 0.35), task("oracle", 0.5)))
     assert make.call_count == 2
+
+
+@pytest.mark.parametrize("policy", ["oracle", "hinge-fit"])
+def test_equal_episodes_of_a_reference_are_opened_once(policy, opened):
+    """Whatever was demonstrated, and whatever the door and the trial are called."""
+    first = task(policy)
+    other = {"door": "narrow", "trial": "few", "demonstrations_per_door": 1}
+    equal = dataclasses.replace(first, **other)
+    drawn, seed = task(policy, randomization="mild"), task(policy, seed=1)
+    results = run_job((first, equal, drawn, seed))
+    assert [call["doors"] for call in opened] == [3 * ["0.35"]]
+    assert [result["metrics"]["door"] for result in results][:2] == ["0.35", "narrow"]
+    assert [result["task"] for result in results][1] == equal.definition
+    assert results[0]["demonstrations"] != results[1]["demonstrations"]
 
 
 def test_one_doors_error_leaves_the_others_alone(opened):

@@ -12,9 +12,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-ALL = {
-    path.stem: path for path in (Path(__file__).parents[2] / "examples").glob("*.py")
-}
+ALL = {p.stem: p for p in (Path(__file__).parents[2] / "examples").glob("*.py")}
 ELSEWHERE = {
     *("cloned_policy", "learned_policy", "lerobot_policy", "ros2_node"),
     "your_own_policy",

@@ -210,9 +210,7 @@ def test_what_is_left_out_of_a_covariance_is_not_seen():
         repetition.log_white / root,
     )
     assert small.deviations.shape[2] < 20
-    processes = [
-        ConditionedProcess(prior, None, TIMES) for prior in (repetition, small)
-    ]
+    processes = [ConditionedProcess(p, None, TIMES) for p in (repetition, small)]
     for process in processes:
         for phase in (0.1, 0.3, 0.5):
             here = process.at(phase)

@@ -182,10 +182,8 @@ def as_in_the_library(library):
         overlap=float(library["dmp_overlap"]),
     )
     assert np.exp(-config.alpha_x) == pytest.approx(0.01)
-    demonstrated = AlignedDemonstrations(
-        times=library["phases"], poses=library["poses"]
-    )
-    return fit_dmp(demonstrated, config)
+    aligned = AlignedDemonstrations(times=library["phases"], poses=library["poses"])
+    return fit_dmp(aligned, config)
 
 
 def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library, library):

@@ -20,12 +20,10 @@ def promp(aligned):
 @pytest.fixture(scope="module")
 def as_in_the_library(library):
     """With its basis functions and the distribution of weights that it was given."""
-    demonstrated = AlignedDemonstrations(
-        times=library["phases"], poses=library["poses"]
-    )
+    aligned = AlignedDemonstrations(times=library["phases"], poses=library["poses"])
     sample = library["promp_deviations"].T @ library["promp_deviations"]
     return replace(
-        fit_promp(demonstrated, ProMPConfig(n_basis=20, overlap=0.7)),
+        fit_promp(aligned, ProMPConfig(n_basis=20, overlap=0.7)),
         weight_mean=library["promp_mean"],
         weight_covariance=sample + 0.5 * np.diag(np.diag(sample)),
     )

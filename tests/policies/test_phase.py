@@ -102,9 +102,7 @@ def nearest_by_hand(skill, pose, previous):
     grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
     demonstrated = skill.predict(grid)
     poses = normalised(skill.aligned)[0].poses
-    curves = [
-        [np.interp(grid, skill.aligned.times, c) for c in path.T] for path in poses
-    ]
+    curves = [[np.interp(grid, skill.aligned.times, c) for c in p.T] for p in poses]
     positions = np.array(curves)[:, :3]
     mean = positions.mean(axis=0)
     length = np.linalg.norm(mean, axis=0)

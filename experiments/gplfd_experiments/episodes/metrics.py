@@ -322,9 +322,7 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
     window = 2 * max(3, round(0.5 * _SMOOTHING_TIME / dt)) + 1
     if positions.shape[0] < window:
         return None
-    velocity, jerk = (
-        smoothed(positions, window, 5, deriv=order, step=dt) for order in (1, 3)
-    )
+    velocity, jerk = (smoothed(positions, window, 5, deriv=n, step=dt) for n in (1, 3))
     peak_squared = float(np.max(np.sum(velocity**2, axis=1)))
     if peak_squared == 0.0:
         return None

@@ -1,11 +1,12 @@
 """Run a job: learn once, open all its doors in lockstep, or do a learning test."""
 
 import errno
+import json
 import math
+import pickle
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,8 +81,7 @@ def _run(
 ) -> list[Result]:
     """Run a job in this process, with time limits of its learnings and steps."""
     # In the process of a user's policy, an interruption is the policy's, too.
-    users = in_own_process(job[0])
-    errors = (BaseException,) if users else (Exception, SystemExit)
+    errors = (BaseException,) if in_own_process(job[0]) else (Exception, SystemExit)
     policies: dict[str, Policy] = {}
     results: dict[str, Result] = {}
     for name in dict.fromkeys(task.policy for task in job):
@@ -94,8 +94,7 @@ def _run(
                 return [{**_origin(tasks[0]), "metrics": _plain(metrics)}]
         except errors as error:
             results |= {task.key: _error_result(task, error, policy) for task in tasks}
-    episodes = [task for task in job if isinstance(task, EpisodeTask)]
-    learnable = [task for task in episodes if task.policy in policies]
+    learnable = [t for t in job if isinstance(t, EpisodeTask) and t.policy in policies]
     results |= _opened(learnable, policies, errors, allow)
     return [results[task.key] for task in job]
 
@@ -124,8 +123,9 @@ def _opened(
     """Open the doors of a job's tasks; return the results by the tasks' keys."""
     movements: Movements = {}
     results: dict[str, Result] = {}
-    learned: dict[str, Any] = {}  # What makes agents and their kind, or an error.
-    batches: list[tuple[object, list[EpisodeTask]]] = []
+    learned: dict[str, Any] = {}  # What makes agents, kind and content, or an error.
+    # Tasks of one kind, whatever the policies; those of equal episodes together.
+    batches: list[tuple[object, dict[Hashable, list[EpisodeTask]]]] = []
     for task in episodes:
         key, policy = task.training_key, policies[task.policy]
         if key not in learned:
@@ -134,22 +134,27 @@ def _opened(
                 make = learned_agents(task, policy, movements=movements)
                 # Agents that learn when they are made are made once.
                 kind = None if policy.method is None else shared_in_batch(make())
-                learned[key] = make, kind or task.policy
+                # Our references act alike whatever the number of demonstrations.
+                ours = policy.kind == "reference" and task.policy_source is None
+                content = pickle.dumps(make()) if ours else None
+                learned[key] = make, kind or task.policy, content
             except errors as error:
                 learned[key] = error
         if isinstance(learned[key], BaseException):
             results[task.key] = _error_result(task, learned[key], policy)
             continue
-        # A batch is of one kind, whatever the policies: others act one by one.
-        _, kind = learned[key]
+        _, kind, content = learned[key]
         alike = next((tasks for other, tasks in batches if other == kind), None)
         if alike is None:
-            batches.append((kind, alike := []))
-        alike.append(task)
+            batches.append((kind, alike := {}))
+        drawn = task.door_config, task.randomization, task.disturbance, task.reset_seed
+        scene = json.dumps([*drawn, task.teacher["angle_mean"]], sort_keys=True)
+        alike.setdefault((content, scene if content else task.key), []).append(task)
 
-    def open_doors(tasks: Sequence[EpisodeTask]) -> None:
-        """Open doors in lockstep; if the policy fails at one, those of each half."""
+    def open_doors(groups: Sequence[list[EpisodeTask]]) -> None:
+        """Open a door per group in lockstep; if a policy fails, those of each half."""
         allow(LEARNING_LIMIT)
+        tasks = [task for task, *_ in groups]
         angles = [task.teacher["angle_mean"] for task in tasks]
         try:
             logs = open_together(
@@ -160,26 +165,29 @@ def _opened(
                 forecast_angles=np.outer(angles, PROGRESS),
                 before_step=partial(allow, STEP_LIMIT),
             )
-            for task, log, angle in zip(tasks, logs, angles, strict=True):
-                results[task.key] = {
-                    **_origin(task),
-                    "demonstrations": demonstrations_hash(task),
-                    "metrics": _plain(episode_metrics(log, demonstrated_angle=angle)),
-                }
+            for group, log, angle in zip(groups, logs, angles, strict=True):
+                metrics = _plain(episode_metrics(log, demonstrated_angle=angle))
+                for task in group:
+                    results[task.key] = {
+                        **_origin(task),
+                        "demonstrations": demonstrations_hash(task),
+                        "metrics": {**metrics, "door": task.door},
+                    }
         except errors as error:
-            if len(tasks) == 1:
-                (task,) = tasks
-                results[task.key] = _error_result(task, error, policies[task.policy])
+            if len(groups) == 1:
+                for task in groups[0]:
+                    policy = policies[task.policy]
+                    results[task.key] = _error_result(task, error, policy)
                 return
-            half = len(tasks) // 2
-            open_doors(tasks[:half])
-            open_doors(tasks[half:])
+            half = len(groups) // 2
+            open_doors(groups[:half])
+            open_doors(groups[half:])
 
     for _, alike in batches:
         # Episodes of a trial are of about one length.
-        alike.sort(key=attrgetter("trial"))
-        for first in range(0, len(alike), TOGETHER):
-            open_doors(alike[first : first + TOGETHER])
+        groups = sorted(alike.values(), key=lambda group: group[0].trial)
+        for first in range(0, len(groups), TOGETHER):
+            open_doors(groups[first : first + TOGETHER])
     return results
 
 

@@ -226,10 +226,8 @@ def dry_run(
         until = learned.aligned.end * learned.aligned.duration
         some = np.flatnonzero(path.times <= until)[::_APART]
         body = search.at_frame(body, config, task, path.path[some], path.times[some])
-    made = gym.make(
-        IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
-    )
-    with contextlib.closing(made) as env:
+    fields: Any = {"robot": body, "door": config, "max_episode_steps": -1}
+    with contextlib.closing(gym.make(IMPEDANCE_ENVIRONMENT_ID, **fields)) as env:
         commands = np.hstack([path.poses, path.stiffness])
         rows, hand, info, (low, high, efforts) = _played(env, body.arm, commands)
     force, torque, speed, turning, angle, *places = rows

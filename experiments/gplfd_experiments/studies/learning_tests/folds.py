@@ -145,16 +145,14 @@ def learn(
     method: Method,
     demonstrations: Sequence[Demonstration],
     seed: int,
-    prior_mean: PriorMean | None = None,
+    prior: PriorMean | None = None,
 ) -> tuple[Movement, float]:
     """Learn, and return the movement and the CPU time of this thread [s].
 
     The time includes alignment and a first prediction, to which some methods defer
     work. There are no warnings of few or noisy demonstrations.
     """
-    training = TrainingInput(
-        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
-    )
+    training = TrainingInput(demonstrations=demonstrations, seed=seed, prior_mean=prior)
     for name in _LOADED:
         getattr(scipy, name)
     # Left-out demonstrations end at the end of the others.

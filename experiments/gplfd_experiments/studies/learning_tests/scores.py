@@ -399,7 +399,7 @@ _MOVING: Final = [0, 2, 4]
 # influence, because length-scales are at most three.
 _BORDER, _BEYOND = np.linspace(0.95, 1.0, 11), np.linspace(1.4, 1.5, 11)
 _REMOTE: Final = np.linspace(20.0, 21.0, 11)
-_DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
+_OFFSET: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
 """Distance of the prior mean from the demonstrations' mean [m, rad]."""
 
 
@@ -442,9 +442,7 @@ def prior_mean_used(
     if not method.learner.accepts_prior_mean:
         return None
     aligned = plain.aligned
-    prior = PosePath(
-        phases=aligned.times, poses=aligned.poses.mean(axis=0) + _DISPLACEMENT
-    )
+    prior = PosePath(phases=aligned.times, poses=aligned.poses.mean(axis=0) + _OFFSET)
     informed, _ = learn(method, demonstrations, seed, prior)
     without = plain.predict(_REMOTE).mean
     moved = informed.predict(_REMOTE).mean - without
