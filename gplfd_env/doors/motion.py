@@ -40,7 +40,7 @@ from gplfd_env.conventions.one_and_many import (
 )
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
-from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.spatial.se3 import compose_rotvecs, cross
 
 _ALONG_AT_SUCCESS: Final = 0.8656293468  # Root u of 2u² - u³ = 0.85.
 _FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE
@@ -194,8 +194,8 @@ def rotated(vector: Array, axis: Array, angles: Array) -> Array:
     """Return a vector, (..., 3), turned about a unit axis by angles [rad], (..., 1)."""
     along = (vector * axis).sum(axis=-1, keepdims=True) * axis
     across = vector - along
-    side = np.cross(np.broadcast_to(axis, across.shape), across)
-    return np.asarray(along + np.cos(angles) * across + np.sin(angles) * side)
+    aside = np.sin(angles) * cross(axis, across)
+    return np.asarray(along + np.cos(angles) * across + aside)
 
 
 def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
