@@ -149,9 +149,8 @@ def _prepare(record: Any) -> None:
     }
     for option in dataclasses.fields(record):
         if option.name in texts:
-            option.metadata = MappingProxyType(
-                {**option.metadata, "help": texts[option.name]}
-            )
+            metadata = {**option.metadata, "help": texts[option.name]}
+            option.metadata = MappingProxyType(metadata)
         kind, *_ = parts = (*get_args(option.type), None)
         shared: Any = kind
         if dataclasses.is_dataclass(kind):  # Options that several commands share.

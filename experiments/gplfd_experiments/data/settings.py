@@ -87,9 +87,7 @@ def numbers(names: str) -> Callable[[str], Any]:
     return read
 
 
-_COLUMNS: Final = of_text(
-    "t,x,y,z,...", lambda text: tuple(map(str.strip, text.split(",")))
-)
+_COLUMNS: Final = of_text("t,x,y,z,...", lambda s: tuple(map(str.strip, s.split(","))))
 
 
 def _segments(text: str) -> Any:

@@ -53,7 +53,7 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     return _demonstrated(task.demonstrations_key)
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=640)  # those of the protocol; up to 0.1 GB
 def _demonstrated(key: str) -> LabelledDemonstrations:
     fields = json.loads(key)
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]

@@ -23,6 +23,7 @@ from gplfd_policies.movements.movement import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
 Flags = NDArray[np.bool_]
+Rows = NDArray[np.int64]
 
 _ALL: Final = np.array([True])
 _TIMED: Final = 10  # The CPU time of one of so many decisions is measured.
@@ -65,12 +66,12 @@ def rollout(
         forecasts.take_if_due(np.array([now]), info["door_angle"], np.array([ended]))
         decision, cpu, wall = _timed(partial(agent.act, observation), steps.count)
         state = {"times": now, "qpos": inner.data.qpos, "solved": info["success"]}
-        latency = {"latency_s": cpu, "latency_wall_s": wall}
+        latency = {"latency_s": cpu, "latency_wall_s": wall, "row": 0}
         steps.add({**info, **observation, **state, **latency}, decision)
         if ended:
             names: Any = {"policy": policy, "door": door, "seed": seed}
             logged = forecasts.of(0), info, inner.door, truncated
-            return _log(steps.arrays, *logged, **names)
+            return _log(steps.of(0), *logged, **names)
         command = decision.command(agent.control)
         observation, _, terminated, truncated, info = env.step(command)
         ended = terminated or truncated
@@ -109,8 +110,7 @@ def rollouts(
     steps = _Steps()
     asked = [partial(agents.forecast, row) for row in range(envs.num_envs)]
     forecasts = ForecastRecorder(asked, forecast_period, forecast_angles)
-    lengths = np.zeros(envs.num_envs, dtype=int)
-    acting = np.ones(envs.num_envs, dtype=bool)
+    every, acting = np.arange(envs.num_envs), np.ones(envs.num_envs, dtype=bool)
     ended, truncated = ~acting, ~acting
     while True:
         before_step()
@@ -121,9 +121,9 @@ def rollouts(
         state = {"times": times, "qpos": envs.qpos, "solved": infos["success"]}
         shares = np.array([[cpu], [wall]]) / np.count_nonzero(acting)
         cpus, walls = np.broadcast_to(shares, (2, envs.num_envs))
-        latency = {"latency_s": cpus, "latency_wall_s": walls}
-        steps.add({**infos, **observations, **state, **latency}, decided)
-        lengths += acting
+        latency = {"latency_s": cpus, "latency_wall_s": walls, "row": every}
+        rows = np.flatnonzero(acting)
+        steps.add({**infos, **observations, **state, **latency}, decided, rows)
         # An episode's last row is the state in which it ended.
         acting = acting & ~ended
         if not acting.any():
@@ -134,7 +134,7 @@ def rollouts(
     names = zip(policies, doors, seeds, strict=True)
     return (
         _log(
-            {name: array[: lengths[row], row] for name, array in steps.arrays.items()},
+            steps.of(row),
             forecasts.of(row),
             {name: infos[name][row] for name in ("failure", "reason")},
             envs.variations[row].door,
@@ -148,30 +148,34 @@ def rollouts(
 
 
 class _Steps:
-    """Quantities of control steps, of one episode or of N, in arrays that double.
+    """Quantities of the control steps of episodes, in arrays that double.
 
     Small arrays would fragment the memory, so that the process keeps what they free.
     """
 
     def __init__(self) -> None:
-        self.count, self._grown = 0, Arrays()
+        self.count, self._size, self._grown = 0, 0, Arrays()
 
-    def add(self, values: Mapping[str, Any], decided: object) -> None:
-        """Copy all quantities of a control step."""
-        for name in ("times", *PER_STEP):
+    def add(
+        self, values: Mapping[str, Any], decided: object, rows: Rows | None = None
+    ) -> None:
+        """Copy all quantities of a control step, of some rows or of a single agent."""
+        first, self.count = self._size, self.count + 1
+        self._size += 1 if rows is None else len(rows)
+        for name in ("row", "times", *PER_STEP):
             now = np.asarray(values[name] if name in values else getattr(decided, name))
-            if self.count == len(self._grown.get(name, ())):
+            now = now[None] if rows is None else now.take(rows, axis=0)
+            if self._size > len(self._grown.get(name, ())):
                 dtype = bool if now.dtype == bool else np.float64
-                grown = np.empty((2 * self.count or 128, *now.shape), dtype)
-                grown[: self.count] = self._grown.get(name, grown[:0])
+                grown = np.empty((max(128, 2 * self._size), *now.shape[1:]), dtype)
+                grown[:first] = self._grown.get(name, grown)[:first]
                 self._grown[name] = grown
-            self._grown[name][self.count] = now
-        self.count += 1
+            self._grown[name][first : self._size] = now
 
-    @property
-    def arrays(self) -> Arrays:
-        """All quantities, with a row per step; live."""
-        return {name: array[: self.count] for name, array in self._grown.items()}
+    def of(self, row: int) -> Arrays:
+        """Return all quantities of a row, with a row per step of its episode."""
+        steps = np.flatnonzero(self._grown["row"][: self._size] == row)
+        return {name: array.take(steps, axis=0) for name, array in self._grown.items()}
 
 
 class ForecastRecorder:

@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -54,8 +54,10 @@ Job = tuple[Task, ...]
 _MOST: Final = 100_000  # Largest number of tasks of a study.
 
 TOGETHER: Final = 192
-"""Largest number of episodes in lockstep, and usual number of a policy in a job: a step
-costs little more, and an interruption loses a few minutes."""
+"""Largest number of episodes in lockstep: a step costs little more than of one."""
+_LARGEST: Final = 1200
+"""Usual largest number of episodes in a job: few act apart from the others, and an
+interruption loses a few minutes."""
 SHARED: Final = 24
 """Number of episodes from which two workers share them."""
 
@@ -83,12 +85,13 @@ def task_from(record: Mapping[str, Any]) -> Task:
         raise ValueError(reason) from error
 
 
-def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
+def jobs_of(study: Sequence[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together; large groups, which take long, first.
 
     A job has all episodes after some sets of demonstrations, by the policies that
-    differ in their pipeline only; it has about `TOGETHER` of each at most.
+    differ in their pipeline only: an eighth of the study at most, if that is many.
     """
+    most = min(max(TOGETHER, len(study) // 8), _LARGEST)
     groups: dict[str, dict[str, dict[str, Task]]] = {}
     for task in study:
         learner, lesson = task.training_key, ""
@@ -98,10 +101,8 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
         lessons.setdefault(lesson, {})[task.key] = task
     jobs: list[Job] = []
     for lessons in groups.values():
-        every = [task for tasks in lessons.values() for task in tasks.values()]
-        widest = Counter(task.policy for task in every).most_common(1)[0][1]
-        total, done = len(every), 0
-        number = max(math.ceil(widest / TOGETHER), min(2, total // SHARED))
+        total, done = sum(map(len, lessons.values())), 0
+        number = max(math.ceil(total / most), min(2, total // SHARED))
         shares: list[list[Task]] = [[] for _ in range(number)]
         for tasks in lessons.values():
             # By the middle of a lesson, so that the shares are about equal.

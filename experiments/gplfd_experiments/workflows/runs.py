@@ -273,9 +273,7 @@ def _write_origin(
     record = {
         **options,
         "policy_source": tasks[0].policy_source,
-        "demonstrations_sha256": {
-            name: content_hash(source or folder / name) for name in kept
-        },
+        "demonstrations_sha256": {n: content_hash(source or folder / n) for n in kept},
         "demonstrations_of": sources,
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {task.door: task.door_config for task in tasks},
