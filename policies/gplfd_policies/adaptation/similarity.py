@@ -151,8 +151,8 @@ def forecast(adaptations: Sequence[SimilarityAdaptation]) -> None:
         np.multiply(share, aside, out=roots[..., count:-1])
         roots[..., -1] = behind
     for output, roots in zip(_LEVEL, level, strict=True):
-        variance[..., output] = (roots * roots).sum(axis=-1) + _NOISE**2
-    horizontal = (x * z).sum(axis=-1)
+        variance[..., output] = np.add.reduce(roots * roots, axis=-1) + _NOISE**2
+    horizontal = np.add.reduce(x * z, axis=-1)
 
     last = np.array([adaptation._phase for adaptation in adaptations])
     state, left = state[..., None, :], left[..., None, :]

@@ -169,10 +169,9 @@ class AgentStep:
         if isinstance(rows, tuple):
             return self
         everyone = AgentStep(action=last_actions)
-        fields = {name: getattr(everyone, name) for name in STEP_SHAPES}
-        for name, array in fields.items():
-            array[rows] = getattr(self, name)
-        return AgentStep(**fields)
+        for name in STEP_SHAPES:
+            getattr(everyone, name)[rows] = getattr(self, name)
+        return everyone
 
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(

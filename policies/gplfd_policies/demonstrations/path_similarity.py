@@ -325,7 +325,7 @@ def posteriors(paths: Sequence[PathSimilarity]) -> list[SizePosterior]:
 def _normalised(log_weights: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "R C"]:
     # Contiguous rows are added in the order in which each alone would be.
     logs = np.ascontiguousarray(log_weights)
-    weights = np.exp(logs - logs.max(axis=-1, keepdims=True))
+    weights = np.exp(logs - np.maximum.reduce(logs, axis=-1, keepdims=True))
     return np.asarray(weights / np.add.reduce(weights, axis=-1, keepdims=True))
 
 

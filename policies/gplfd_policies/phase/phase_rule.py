@@ -379,7 +379,7 @@ class PathPhase:
         blur = (self.settings.position_noise / observed[0][..., None, None]) ** 2
         error = radial + sideways / (along[11] + (blur + variance))
         exponent = log_weight - 0.5 * error
-        highest = exponent.max(axis=-2)
+        highest = np.maximum.reduce(exponent, axis=-2)
         likely = np.exp(exponent - highest[..., None, :])
         total = np.add.reduce(likely, axis=-2)
         cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
