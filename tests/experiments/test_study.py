@@ -212,9 +212,10 @@ class Losing:
             self.closed = True
 
 
-def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs):
-    engine = Losing("large")
-    opened, died = run_study(tmp_path, episodes(("gp",), range(1)), engine)
-    assert opened["metrics"]["success"]
+def test_tasks_whose_worker_died_are_run_in_halves(tmp_path, runs):
+    study = [episode(), episode(door="large"), *(episode(seed=n) for n in range(1, 5))]
+    results = list(run_study(tmp_path, study, Losing("large")))
+    assert runs == [tuple(study[3:]), (study[0],), (study[2],)]
+    (died,) = (result for result in results if "error" in result)
     assert (died["error"], died["task"]["door"]) == ("it died", "large")
     assert died["lost"]

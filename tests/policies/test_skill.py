@@ -120,7 +120,7 @@ def test_spectral_and_dense_moments_agree(skill):
     fast = skill.processes.moments(grid)
     for output, fitted in enumerate(skill.processes.outputs):
         scale = fitted.scale
-        mean_rate, variance_rate = fitted.latent.rates(grid)
+        mean_rate, var_rate = fitted.latent.rates(grid)
         mean = fitted.offset + scale * fitted.latent.mean(grid)
         variance = scale**2 * fitted.latent.variance(grid)
         assert_allclose(fast.mean[:, output], mean, atol=1e-8)
@@ -130,9 +130,7 @@ def test_spectral_and_dense_moments_agree(skill):
         assert_allclose(fast.latent[:, output], variance, atol=1e-10 * prior)
         # Slopes magnify the rounding of 48 coefficients: kernels differ by 1.3e-6.
         assert_allclose(fast.mean_rate[:, output], scale * mean_rate, atol=1e-5)
-        assert_allclose(
-            fast.latent_rate[:, output], scale**2 * variance_rate, atol=1e-8
-        )
+        assert_allclose(fast.latent_rate[:, output], scale**2 * var_rate, atol=1e-8)
 
 
 def test_intervals_use_student_t_with_the_looks_at_the_spread(skill):

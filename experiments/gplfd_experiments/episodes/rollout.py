@@ -148,7 +148,7 @@ def rollouts(
 
 
 class _Steps:
-    """Quantities of the control steps of episodes, in arrays that double.
+    """Quantities of episodes, a row per control step of each, in arrays that double.
 
     Small arrays would fragment the memory, so that the process keeps what they free.
     """
@@ -159,7 +159,7 @@ class _Steps:
     def add(
         self, values: Mapping[str, Any], decided: object, rows: Rows | None = None
     ) -> None:
-        """Copy all quantities of a control step, of some rows or of a single agent."""
+        """Copy all quantities of a control step: of these rows, or of one agent."""
         first, self.count = self._size, self.count + 1
         self._size += 1 if rows is None else len(rows)
         for name in ("row", "times", *PER_STEP):
@@ -173,7 +173,7 @@ class _Steps:
             self._grown[name][first : self._size] = now
 
     def of(self, row: int) -> Arrays:
-        """Return all quantities of a row, with a row per step of its episode."""
+        """Return all quantities of an episode, by its number in `row`."""
         steps = np.flatnonzero(self._grown["row"][: self._size] == row)
         return {name: array.take(steps, axis=0) for name, array in self._grown.items()}
 

@@ -97,7 +97,7 @@ def run_study(
     work = partial(run_job, files=files_of(missing), recordings=tuple(recordings))
     jobs = jobs_of(missing)
     while jobs:
-        alone: list[Job] = []
+        halves: list[Job] = []
         # Closed at once if the reader stops, so that workers end with an interruption.
         with contextlib.closing(
             (engine or Engine(engine="serial")).run(work, jobs)
@@ -108,9 +108,9 @@ def run_study(
                 elif len(job) == 1:
                     results = [failed(job[0], str(outcome), lost=True)]
                 else:  # One task may have ended the worker of all.
-                    alone += [(task,) for task in job]
+                    halves += [job[: len(job) // 2], job[len(job) // 2 :]]
                     continue
                 for task, result in zip(job, results, strict=True):
                     write_json(result_path(folder, task), result)
                     yield result
-        jobs = tuple(alone)
+        jobs = tuple(halves)

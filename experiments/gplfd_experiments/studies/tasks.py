@@ -89,7 +89,7 @@ def jobs_of(study: Sequence[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together; large groups, which take long, first.
 
     A job has all episodes after some sets of demonstrations, by the policies that
-    differ in their pipeline only: an eighth of the study at most, if that is many.
+    differ in their pipeline only. Usually it has at most an eighth of a large study.
     """
     most = min(max(TOGETHER, len(study) // 8), _LARGEST)
     groups: dict[str, dict[str, dict[str, Task]]] = {}
