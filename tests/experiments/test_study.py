@@ -138,6 +138,10 @@ def test_a_job_has_what_one_learner_learns_in_any_pipeline(monkeypatch):
     monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 4)
     # Two jobs, the larger first; none has a share of the first demonstrations.
     assert jobs_of([*first, *others]) == (tuple(others), tuple(first))
+    monkeypatch.setattr("gplfd_experiments.studies.tasks._LARGEST", 6)
+    for number, size in ((16, 4), (40, 5), (96, 6)):  # an eighth, within limits
+        study = [episode(seed=seed) for seed in range(number)]
+        assert {len(job) for job in jobs_of(study)} == {size}
 
 
 def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):

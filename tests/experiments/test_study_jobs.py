@@ -41,9 +41,7 @@ def task(policy: str = "gp", door: float = 0.35, **fields: Any) -> EpisodeTask:
 
 def timeless(folder: Path, task: EpisodeTask) -> dict[str, Any]:
     (result,) = stored_results(folder, [task]).finished
-    times = {
-        name for name in result["metrics"] if name.startswith(("latency_", "cpu_"))
-    }
+    times = {key for key in result["metrics"] if key.startswith(("latency_", "cpu_"))}
     for name in times:
         del result["metrics"][name]
     return {name: result[name] for name in ("task", "metrics")}

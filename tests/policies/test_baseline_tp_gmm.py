@@ -113,9 +113,7 @@ def test_via_points_tell_the_hinge(mixture, radius):
 def test_conditioning_a_circle_is_bayesian_regression():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(3, 3)) * [[0.01], [0.1], [0.002]]
-    prior = CircleDistribution(
-        mean=np.array([0.0, -0.5, 0.0]), covariance=root @ root.T
-    )
+    prior = CircleDistribution(mean=np.array([0, -0.5, 0]), covariance=root @ root.T)
     via_points = arc(0.42, np.linspace(0.1, 0.5, 7), std=2e-3)
     points = np.array([point.pose[[0, 2]] for point in via_points])
     rows = np.column_stack([2.0 * points, np.ones(7)])

@@ -134,7 +134,7 @@ def _opened(
                 make = learned_agents(task, policy, movements=movements)
                 # Agents that learn when they are made are made once.
                 kind = None if policy.method is None else shared_in_batch(make())
-                # Our references act alike whatever the number of demonstrations.
+                # Most agents that do not learn are equal after any demonstrations.
                 ours = policy.kind == "reference" and task.policy_source is None
                 content = pickle.dumps(make()) if ours else None
                 learned[key] = make, kind or task.policy, content

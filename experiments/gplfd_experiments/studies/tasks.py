@@ -56,8 +56,8 @@ _MOST: Final = 100_000  # Largest number of tasks of a study.
 TOGETHER: Final = 192
 """Largest number of episodes in lockstep: a step costs little more than of one."""
 _LARGEST: Final = 1200
-"""Usual largest number of episodes in a job: few act apart from the others, and an
-interruption loses a few minutes."""
+"""Usual largest number of episodes in a job. In larger jobs fewer episodes act alone,
+but an interruption loses more: here it is a few minutes."""
 SHARED: Final = 24
 """Number of episodes from which two workers share them."""
 
