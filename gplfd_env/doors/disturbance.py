@@ -182,9 +182,7 @@ CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
 )
 """Record of each field of `Disturbance`, by its name."""
 
-DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
-    preset_table("disturbances", Disturbance())
-)
+DISTURBANCES: Final = MappingProxyType(preset_table("disturbances", Disturbance()))
 """Presets for ordinary doors, one kind of event each."""
 
 DisturbanceSpec = str | Mapping[str, Any] | Disturbance

@@ -116,8 +116,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self.action_space = batch_space(self.single_action_space, n)
         begin = [Variation(door=door) for door in self._sources.doors]
         self._batch = DoorBatch(self._robot, begin, num_threads, self.physics)
-        model = self.models[0]
-        self._camera = Camera(model, width, height, camera_name, effects=effects)
+        scene = self._batch.state_of(0).model
+        self._camera = Camera(scene, width, height, camera_name, effects=effects)
         self._episodes: Episodes | None = None
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(n, dtype=bool)
@@ -137,7 +137,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
-        """Model of every simulation; a reset may change it to another door."""
+        """Model of every simulation, live; a reset may change it to another door."""
         return self._batch.models
 
     @property

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjsBody, MjSpec
 
 from gplfd_env.conventions.constants import DRY_FRICTION, UNDRAWN, Array
 from gplfd_env.doors.config import (
@@ -68,7 +69,7 @@ def structure_of(door: DoorConfig) -> Structure:
 
 
 def add_door(
-    spec: mujoco.MjSpec,
+    spec: MjSpec,
     door: DoorConfig,
     placement: Placement,
     structure: Structure,
@@ -141,8 +142,8 @@ def add_door(
 
 
 def _add_joints(
-    spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, robot: RobotConfig
-) -> mujoco.MjsBody:
+    spec: MjSpec, frame: MjsBody, door: DoorConfig, robot: RobotConfig
+) -> MjsBody:
     """Add the joints between frame and leaf; return the leaf's body.
 
     The coordinate of the joint ``hinge`` is φ of `gplfd_env.doors.motion`, if need be
@@ -185,9 +186,7 @@ def _add_joints(
     return leaf
 
 
-def _add_joint(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, link: Link, origin: Array
-) -> None:
+def _add_joint(spec: MjSpec, body: MjsBody, link: Link, origin: Array) -> None:
     """Add a joint to a body at an origin, door frame [m]; couple it to ``hinge``."""
     kind, place = mujoco.mjtJoint.mjJNT_HINGE, np.array(link.anchor) - origin
     if link.slides:
@@ -201,7 +200,7 @@ def _add_joint(
 
 
 def _add_leaf(
-    body: mujoco.MjsBody, name: str, door: DoorConfig, edges: tuple[float, float]
+    body: MjsBody, name: str, door: DoorConfig, edges: tuple[float, float]
 ) -> None:
     """Add a leaf between its edges at hinge and lock, from the handle's axis [m]."""
     hinge, lock = edges
@@ -214,7 +213,7 @@ def _add_leaf(
     add_box(body, name, place, size, _WOOD, mass=share * door.panel_mass)
 
 
-def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+def _add_hinges(leaf: MjsBody, door: DoorConfig) -> None:
     """Add the two visible hinges of a leaf."""
     x = door.leaf.handle_standoff / 2
     for name, y in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
@@ -222,9 +221,7 @@ def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         add_box(leaf, f"{name}_arm", [-x, y, 0], [x, 0.03, 0.004], STEEL)
 
 
-def _add_rollers(
-    spec: mujoco.MjSpec, frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig
-) -> None:
+def _add_rollers(spec: MjSpec, frame: MjsBody, leaf: MjsBody, door: DoorConfig) -> None:
     """Add the friction of the guided edge on its rail, as a tendon from the jamb."""
     friction = door.mechanism.roller_friction
     rail = spec.add_tendon(name="rollers", frictionloss=friction, **DRY_FRICTION)
@@ -236,7 +233,7 @@ def _add_rollers(
         rail.wrap_site(name)
 
 
-def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+def _add_flap(frame: MjsBody, leaf: MjsBody, door: DoorConfig) -> None:
     """Add a leaf with a level hinge, and the front of its cabinet below and above."""
     to_handle = -float(leaf.pos[1]) / door.radius
     edge, x = door.radius + door.leaf.backset, -door.leaf.handle_standoff
@@ -253,7 +250,7 @@ def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> 
         add_box(frame, name, [x, (bottom + top) / 2, 0.0], size, _FRAME)
 
 
-def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
+def set_hinge(model: MjModel, stop: float, friction: float) -> bool:
     """Set stop [rad] and friction [N m] of the hinge; return whether they changed."""
     joint = model.joint("hinge")
     dof = int(joint.dofadr[0])
@@ -264,9 +261,7 @@ def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
     return True
 
 
-def set_door_physics(
-    model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
-) -> None:
+def set_door_physics(model: MjModel, data: MjData, door: DoorConfig) -> None:
     """Set mass, hinge, springs and closer of a door compiled with `NOMINAL_MASS`."""
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
@@ -297,7 +292,7 @@ def set_door_physics(
         model.tendon_frictionloss[model.tendon("rollers").id] = rolling
 
 
-def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> None:
+def _add_leaf_mass(model: MjModel, of: str, geom: str, mass: float) -> None:
     """Add mass to a leaf: the body's mass, centre and inertia (Steiner's theorem)."""
     body, leaf = model.body(of).id, model.geom(geom).id
     centre, size = model.geom_pos[leaf], model.geom_size[leaf]
@@ -335,11 +330,7 @@ _ALUMINIUM: Final = (0.66, 0.68, 0.70)
 
 
 def _add_visuals(
-    spec: mujoco.MjSpec,
-    frame: mujoco.MjsBody,
-    leaf: mujoco.MjsBody,
-    door: DoorConfig,
-    structure: Structure,
+    spec: MjSpec, frame: MjsBody, leaf: MjsBody, door: DoorConfig, structure: Structure
 ) -> None:
     """Add closer, lock, casing around the opening, raised panels, and far handle."""
     side, x, top = door.hinge_sign, -door.leaf.handle_standoff, _top(door)

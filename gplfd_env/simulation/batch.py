@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
-from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
+from gplfd_env.scene.build import GRASP_KEY, SCENE_FIELDS, build_scene, load_scene
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
 from gplfd_env.simulation.command import ExtraInputs, ServoGains
 from gplfd_env.simulation.single import BAD_STATE, Robot
@@ -22,15 +22,18 @@ _COUNT: Final = 1  # Column of `Batch.warning` with the counts.
 
 
 class SameStructureBatch:
-    """n simulations with doors of the same structure, a part of a `DoorBatch`."""
+    """n simulations with doors of the same structure, a part of a `DoorBatch`.
 
-    def __init__(
-        self, n: int, robot: Robot, begin: Variation, num_threads: int
-    ) -> None:
-        self._robot, self._threads = robot, num_threads
+    They share one model but for the fields in which they differ, because n models would
+    push each other out of the processor's cache; arms' gains change too often for that.
+    """
+
+    def __init__(self, n: int, robot: Robot, begin: Variation, threads: int) -> None:
+        self._robot, self._threads = robot, threads
         self._scene = build_scene(**robot.scene(begin))
         self.loaded = [begin] * n
         self.models = [self._scene] * n  # Loaded rows have their own, of 0.2 MB.
+        self._sharing = robot.command.control != "impedance"
         self._bind()
 
     def _bind(self) -> None:
@@ -39,7 +42,8 @@ class SameStructureBatch:
         self._scratch = mujoco.MjData(scene)
         self._impedance = self._robot.command.control == "impedance"
         self._batch = Batch(scene, nsim=len(self.models), nthread=self._threads)
-        self._batch.set_models(self.models)
+        self._values: dict[str, Array] = {}
+        self._take(range(len(self.models)))
         self._ctrl = self._batch.bind("ctrl")
         self.qpos: Array = self._batch.bind("qpos")
         self.sensordata: Array = self._batch.bind("sensordata")
@@ -49,6 +53,28 @@ class SameStructureBatch:
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]
         self._seen = self._counts.copy()
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
+
+    def _take(self, rows: Rows) -> None:
+        """Let the batch use the present models of rows."""
+        if not self._sharing:
+            self._batch.set_models(self.models)
+            return
+        for name in SCENE_FIELDS:
+            values, shared = self._values.get(name), getattr(self._scene, name)
+            for row in rows:
+                of_row = getattr(self.models[row], name)
+                if values is None and np.count_nonzero(of_row != shared):
+                    values = self._values[name] = self._batch.expand(name)
+                if values is not None:
+                    # Bounding volumes of meshes are the same and stay shared.
+                    values[row] = of_row[: values.shape[1]]
+
+    def separate(self) -> None:
+        """Let simulations use their own models from now on, so that edits count."""
+        if self._sharing:
+            self._sharing, states = False, self._batch.state.copy()
+            self._bind()
+            self._batch.state[:] = states
 
     def load(self, row: int, variation: Variation) -> None:
         """See `DoorBatch.load`; the door has this structure."""
@@ -65,7 +91,7 @@ class SameStructureBatch:
         """See `DoorBatch.restart`."""
         for row in rows if self._impedance else ():
             ServoGains(self.models[row]).set(self._robot.command.rest[6:])
-        self._batch.set_models(self.models)
+        self._take(rows)
         self._batch.reset(rows, keyframe=GRASP_KEY)
         # A reset also sets the warning counts of these simulations to zero.
         self._seen = self._counts.copy()
@@ -80,15 +106,15 @@ class SameStructureBatch:
             self._ctrl[row, self._base_rate] = rate
         for row, width in inputs.gripper_widths.items():
             self._ctrl[row, self._fingers] = 0.5 * width
-        changed = self._impedance
         for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
-            changed |= set_hinge(self.models[row], load.stop, load.friction)
+            if set_hinge(self.models[row], load.stop, load.friction):
+                self._take([row])
         if self._impedance:
-            for row in range(len(self.models)) if rows is None else rows:
+            every = range(len(self.models)) if rows is None else rows
+            for row in every:
                 ServoGains(self.models[row]).set(commands[row, 6:])
-        if changed:
-            self._batch.set_models(self.models)
+            self._take(every)
         self._batch.step(rows, nstep=self._substeps)
         rises = self._counts != self._seen
         # ndarray.any costs five times as much at this size.
@@ -107,11 +133,12 @@ class SameStructureBatch:
         return state
 
     def __getstate__(self) -> tuple[Any, ...]:
-        states = self._batch.state.copy()
-        return self._robot, self._threads, self._scene, self.loaded, self.models, states
+        names = "_robot", "_threads", "_scene", "loaded", "models", "_sharing"
+        return {x: getattr(self, x) for x in names}, self._batch.state.copy()
 
     def __setstate__(self, kept: tuple[Any, ...]) -> None:
-        self._robot, self._threads, self._scene, self.loaded, self.models, states = kept
+        values, states = kept
+        vars(self).update(values)
         # Neither the batch nor its views can be copied.
         self._bind()
         self._batch.state[:] = states
@@ -140,7 +167,9 @@ class DoorBatch:
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
-        """The model of each simulation; live."""
+        """The model of each simulation; live: from now on, edits of it count."""
+        for batch in self._batches.values():
+            batch.separate()
         rows = enumerate(self._structure)
         return tuple(self._batches[of].models[row] for row, of in rows)
 

@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control, Vector
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control, Mask, Vector
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
@@ -60,10 +60,7 @@ class Command:
         return action
 
     def check(
-        self,
-        action: object,
-        shape: tuple[int, ...],
-        ignored: NDArray[np.bool_] | None = None,
+        self, action: object, shape: tuple[int, ...], ignored: Mask | None = None
     ) -> Array:
         """Return a finite action anew, `ignored` rows at rest; or ValueError."""
         try:

@@ -46,20 +46,18 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 class WarpPhysics(SameStructureBatch):
     """n simulations with doors of one structure without latch, in float32 on Warp."""
 
-    def __init__(
-        self, n: int, robot: Robot, begin: Variation, num_threads: int
-    ) -> None:
+    def __init__(self, n: int, robot: Robot, begin: Variation, threads: int) -> None:
         if structure_of(begin.door).latched:
             raise ValueError(
                 "no latch on MuJoCo Warp: give a door with latch='none', or make "
                 f"gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
             )
-        super().__init__(n, robot, begin, num_threads)
+        super().__init__(n, robot, begin, threads)
 
     def _bind(self) -> None:
         """Create model and data on the device, and capture a control period."""
         scene, n = self._scene.__copy__(), len(self.models)
-        self._scratch = mujoco.MjData(scene)
+        self._scratch, self._sharing = mujoco.MjData(scene), False
         self._bodies = self._robot.loaded_bodies(scene)
         self._model = mjw.put_model(scene, batch_sizes=dict.fromkeys(WORLD_FIELDS, n))
         # As MuJoCo solves: with Warp's default, forces are off by four times as much.

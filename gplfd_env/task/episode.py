@@ -270,7 +270,8 @@ class Episode:
         """Update the episode from sensor values, a list or (number, n) array."""
         progress, opening = self.progress, self.progress.opening
         angle_before = self.readings.door.angle
-        progress.steps = progress.steps + 1
+        progress.steps = progress.steps + (1 if stepped is None else stepped)
+        # Of the others, the sensor values and so the readings are those of before.
         self.readings = readings = self._read(values, progress.steps, stepped)
         door, latched = readings.door, readings.latched
         blocked = opened = False
@@ -465,13 +466,12 @@ class Episodes(Episode):
         if stepped is None:
             super().advance(values)
             return
-        # Arrays are never modified in place: copies of the records are enough.
-        before = self.readings, mapped(lambda entry: entry, self.progress)
+        # Arrays are never modified in place: a copy of the record is enough.
+        before = mapped(lambda entry: entry, self.progress)
         super().advance(values, stepped)
-        before[1].terms = self._terms(0.0, 0.0, False)
-        now = self.readings, self.progress
-        kept = mapped(lambda new, old: where(stepped, new, old), now, before)
-        self.readings, self.progress = kept
+        before.terms = self._terms(0.0, 0.0, False)
+        now = self.progress
+        self.progress = mapped(lambda new, old: where(stepped, new, old), now, before)
 
     def info(self) -> Info:
         """Return the infos as new arrays (n, ...)."""
@@ -479,15 +479,13 @@ class Episodes(Episode):
         for name, value in info.items():
             kind = INFO[name].kind
             if kind is dict:
-                terms = {term: columns((x,), self.n)[:, 0] for term, x in value.items()}
-                info[name] = terms
+                info[name] = {x: columns((y,), self.n)[:, 0] for x, y in value.items()}
             elif name in VECTORS:
                 info[name] = columns(value, self.n)
             elif kind is str:
                 info[name] = _WORDS[name][value]
             else:
-                info[name] = np.empty(self.n, kind)
-                info[name][:] = value
+                info[name] = np.full(self.n, value, kind)
         return info
 
     def _index_of(self, row: int) -> Any:

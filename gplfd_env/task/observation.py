@@ -131,9 +131,7 @@ class Sensors:
             ee_twist=_span(model, "hand_linvel", 6),
             joint_pos=_span(model, f"{robot.arm[0]}_pos", joints),
             joint_vel=_span(model, f"{robot.arm[0]}_vel", joints),
-            arm_limits=tuple(
-                tuple(model.joint(name).range.tolist()) for name in robot.arm
-            ),
+            arm_limits=tuple(tuple(model.joint(x).range.tolist()) for x in robot.arm),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
             odometry=_span(model, f"{BASE_JOINTS[0]}_pos", 6) if drives else None,

@@ -216,9 +216,10 @@ class Diagnosis:
         return where(caused | (recent & reached), self.cause, reason)
 
 
-def reward_terms(
-    angle_gain: Number, force_radial: Number, success: Flag
-) -> dict[str, Number]:
+Terms = dict[str, Number]
+
+
+def reward_terms(angle_gain: Number, radial: Number, success: Flag) -> Terms:
     """Return the terms whose sum is the reward of one control step.
 
     ``progress`` sums to 1 over an opening to `SUCCESS_ANGLE`; ``radial_force`` costs
@@ -226,13 +227,11 @@ def reward_terms(
     """
     return {
         "progress": angle_gain / SUCCESS_ANGLE,
-        "radial_force": -1e-5 * magnitude(force_radial),
+        "radial_force": -1e-5 * magnitude(radial),
         "success": 1.0 * success,
     }
 
 
-def sparse_reward_terms(
-    angle_gain: Number, force_radial: Number, success: Flag
-) -> dict[str, Number]:
+def sparse_reward_terms(angle_gain: Number, radial: Number, success: Flag) -> Terms:
     """Return the term of the sparse reward: ``success`` is 1 once, else 0."""
     return {"success": 1.0 * success}

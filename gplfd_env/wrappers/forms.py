@@ -19,12 +19,14 @@ LIMITS: Final = (0.03, 0.1)
 With the servo's stiffness they correspond to 60 N and 10 N m; its damping limits the
 free hand to 0.34 m/s and 1.3 rad/s."""
 
+Limits = tuple[float, float]
+VectorWrapper = gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
+VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
+
 _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
 
 
-def command_of(
-    action: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
-) -> Array:
+def command_of(action: ArrayLike, hand: Array, limits: Limits = LIMITS) -> Array:
     """Return the commanded poses for actions: hand + limits · action, each (..., 6).
 
     The actions are clamped to ±1; values that are not finite are kept. Position [m] and
@@ -35,9 +37,7 @@ def command_of(
     return np.asarray(hand + np.repeat(limits, 3) * clamped)
 
 
-def action_of(
-    command: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
-) -> Array:
+def action_of(command: ArrayLike, hand: Array, limits: Limits = LIMITS) -> Array:
     """Return actions for commanded poses, not clamped: the inverse of `command_of`."""
     offset = np.asarray(command, dtype=np.float64) - hand
     return np.asarray(offset / np.repeat(limits, 3))
@@ -104,24 +104,16 @@ class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
     environment's action is not a pose, or a limit is not positive.
     """
 
-    def __init__(
-        self, env: gym.Env[Any, Any], limits: tuple[float, float] = LIMITS
-    ) -> None:
+    def __init__(self, env: gym.Env[Any, Any], limits: Limits = LIMITS) -> None:
         super().__init__(env)
         self.action_space = _SPACE
         self._begin(env.action_space, limits)
 
 
-class VectorRelativeAction(
-    _Relative, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
-):
+class VectorRelativeAction(_Relative, VectorWrapper):
     """`RelativeAction` for vector environments: actions (n, 6)."""
 
-    def __init__(
-        self,
-        env: gym.vector.VectorEnv[Any, Any, Any],
-        limits: tuple[float, float] = LIMITS,
-    ) -> None:
+    def __init__(self, env: VectorEnv, limits: Limits = LIMITS) -> None:
         super().__init__(env)
         self.single_action_space = _SPACE
         self.action_space = batch_space(_SPACE, env.num_envs)
@@ -157,10 +149,10 @@ class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
         self.observation_space = _flat_space(env.observation_space)
 
 
-class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorFlatObservation(_Flat, VectorWrapper):
     """`FlatObservation` for vector environments: (n, m), ``final_obs`` included."""
 
-    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, env: VectorEnv) -> None:
         super().__init__(env)
         space = _flat_space(env.single_observation_space)
         self.single_observation_space = space
@@ -170,9 +162,8 @@ class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, 
 def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
     entries = dict(space.spaces) if isinstance(space, spaces.Dict) else {}
     boxes = [entries[name] for name in sorted(entries)]
-    if not boxes or any(
-        not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
-    ):
+    vectors = [isinstance(box, spaces.Box) and len(box.shape) == 1 for box in boxes]
+    if not boxes or not all(vectors):
         raise ValueError(f"observations must be dictionaries of vectors, got {space}")
     ends = [[getattr(box, end) for box in boxes] for end in ("low", "high")]
     low, high = (np.concatenate(end).astype(np.float32) for end in ends)
@@ -201,7 +192,7 @@ class NumericInfo(_Numeric, gym.Wrapper[Any, Any, Any, Any]):
     """
 
 
-class VectorNumericInfo(_Numeric, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorNumericInfo(_Numeric, VectorWrapper):
     """`NumericInfo` for vector environments: (n,) int64, with its mask."""
 
 

@@ -38,9 +38,7 @@ class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
 
     _score: "Score"
 
-    def reset(
-        self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Any, Info]:
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
         """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._score = Score(info)

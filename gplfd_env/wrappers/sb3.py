@@ -34,12 +34,10 @@ _NONE_ALONE: Final = (
 )
 
 
-def make_sb3(
-    num_envs: int = 1, id: str = RL_ENVIRONMENT_ID, **arguments: Any
-) -> VecEnv:
+def make_sb3(num_envs: int = 1, id: str = RL_ENVIRONMENT_ID, **more: Any) -> VecEnv:
     """Return n doors on threads of an environment id, for Stable-Baselines3."""
-    arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
-    return SB3VecEnv(gym.make_vec(id, num_envs, **arguments))
+    more["autoreset_mode"] = AutoresetMode.SAME_STEP
+    return SB3VecEnv(gym.make_vec(id, num_envs, **more))
 
 
 class SB3VecEnv(VecEnv):

@@ -57,9 +57,7 @@ def test_hinge_friction_holds_below_and_yields_above(friction, door_alone):
 
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
 @pytest.mark.parametrize("name", ["small", "room-834"])
-def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
-    name, base, door_alone
-):
+def test_the_torque_at_the_stop_presses_the_leaf_against_it(name, base, door_alone):
     door = DOORS[name]
     model, data = door_alone(base, **door.as_dict())
     data.joint("hinge").qpos = door.stop_angle

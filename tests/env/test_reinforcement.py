@@ -43,9 +43,7 @@ everywhere = pytest.mark.parametrize(
 
 @pytest.mark.bits
 @everywhere
-def test_the_same_commands_give_the_same_episode_under_both_ids(
-    arguments, make_rl, make_env
-):
+def test_equal_commands_give_equal_episodes_by_both_ids(arguments, make_rl, make_env):
     wrapped, plain = make_rl(**arguments), make_env(**arguments)
     observation, info = plain.reset(seed=4)
     flat, said = wrapped.reset(seed=4)

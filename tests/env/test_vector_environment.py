@@ -1,5 +1,6 @@
 """The vector environment: registration, what stands still, pictures, seeds."""
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,20 @@ def test_render_returns_a_picture_of_each(make_vec, start_env):
         assert apart < 0.1 * np.abs(picture.astype(int) - closed).mean()
     results = (each.step(np.zeros((2, 6))) for each in (envs, unseen))
     assert data_equivalence(*results, exact=True)
+
+
+def test_an_edited_model_counts_from_then_on(make_vec):
+    """Also in a copy; the others, which shared a model with it, go on as before."""
+    envs, twin = make_vec(2), make_vec(2)
+    for each in (envs, twin):
+        each.reset(seed=0)
+        each.step(np.stack(2 * [PULL]))
+    envs.models[0].actuator_gainprm[0, 0] = 0.0
+    envs = copy.deepcopy(envs)
+    for _ in range(10):
+        hands, others = (x.step(np.stack(2 * [PULL]))[0] for x in (envs, twin))
+    assert hands["ee_pose"][0, 0] < 0.7 * others["ee_pose"][0, 0]
+    assert_array_equal(hands["ee_pose"][1], others["ee_pose"][1])
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP])

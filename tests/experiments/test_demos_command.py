@@ -85,9 +85,7 @@ def unknown(folder: Path) -> None:
         (unknown, "CartPole-v1 is no environment of gplfd"),
     ],
 )
-def test_a_bad_data_set_is_one_paragraph_and_status_2(
-    gplfd, copied, capsys, damage, message
-):
+def test_a_bad_data_set_ends_with_status_2(gplfd, copied, capsys, damage, message):
     damage(copied)
     assert gplfd("demos", "inspect", str(copied)) == 2
     printed = capsys.readouterr().err

@@ -99,9 +99,7 @@ def test_it_says_how_it_was_recorded(folder, episodes):
     assert dataset.origin["versions"]["mujoco"] == mujoco.__version__
 
 
-def test_a_data_set_is_whole_or_absent_and_replaced_only_when_told(
-    env, episodes, tmp_path
-):
+def test_a_data_set_is_whole_or_absent_and_replaced_when_told(env, episodes, tmp_path):
     def interrupted() -> Iterator[Any]:
         yield episodes[0]
         raise KeyboardInterrupt

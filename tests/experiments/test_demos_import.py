@@ -181,9 +181,7 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
 @pytest.mark.usefixtures("no_picture")
-def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
-    tmp_path, monkeypatch
-):
+def test_a_recorded_cabinet_door_opens_another_in_the_simulation(tmp_path, monkeypatch):
     monkeypatch.undo()  # in fine steps
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")

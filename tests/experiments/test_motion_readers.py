@@ -473,9 +473,7 @@ def state(place: int, *names: str, frame: str = "base", values: int = 9) -> Any:
         ),
     ],
 )
-def test_joint_states_are_those_of_the_chain_since_all_were_seen(
-    tmp_path, messages, problem
-):
+def test_joint_states_are_of_the_chain_since_all_were_seen(tmp_path, messages, problem):
     (tmp_path / "r.urdf").write_text(URDF)
     robot = {"urdf": tmp_path / "r.urdf", "link": "hand"}
     write_messages(tmp_path / "bag", StoragePlugin.SQLITE3, joint_states=messages)

@@ -68,9 +68,7 @@ def opened(policy, *doors, seeds=(0, 0, 0), **options):
         ("compliant-pull", "none", 45.0),
     ],
 )
-def test_policies_without_learning_open_doors_within_a_force(
-    policy, randomization, force
-):
+def test_policies_without_learning_open_within_a_force(policy, randomization, force):
     """Draws whose base is turned by 2.6° and -2.8°, and whose radii are not nominal."""
     two = (DoorConfig(radius=0.5), DoorConfig(radius=0.5))
     for log in opened(policy, *two, randomization=randomization, seeds=(0, 1)):

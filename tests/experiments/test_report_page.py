@@ -82,9 +82,7 @@ def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
     assert len(heads) < len(re.findall(r"<thead>", text))
 
 
-def test_the_page_begins_with_a_summary_of_what_was_opened(
-    page_of, policies, episode_result
-):
+def test_the_page_begins_with_a_summary_of_openings(page_of, policies, episode_result):
     """Rates and forces by kind of radius, failures in words, errors as not opened."""
     broken = [{**episode_result("mine", seed), "error": "E: x"} for seed in range(3)]
     broken.append({**episode_result("mine", 3), **LOST})
@@ -135,9 +133,7 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
     assert "`gp` is not in this study; `kmp` takes its place." in text
 
 
-def test_a_policy_that_knows_the_door_is_never_the_reference(
-    write_study, page_of, policies
-):
+def test_a_policy_told_the_door_is_never_the_reference(write_study, page_of, policies):
     for name in ("hinge-fit-told", "oracle"):
         told = [
             {**result, "task": {**result["task"], "policy": name}}
@@ -293,9 +289,7 @@ def test_what_differs_in_results_is_said(page_of, episode_result):
         assert expected in page
 
 
-def test_the_first_condition_is_named_and_disturbances_have_columns(
-    page_of, episode_result
-):
+def test_the_first_condition_is_named_disturbances_are_columns(page_of, episode_result):
     calm = [episode_result("gp", seed) for seed in range(5)]
     held = [episode_result("gp", seed, disturbance="person") for seed in range(6)]
     for one in held:

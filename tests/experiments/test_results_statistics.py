@@ -28,9 +28,7 @@ from gplfd_experiments.analysis.results.statistics import (
         (0, 20, 0.0, 0.1611),
     ],
 )
-def test_independent_trials_have_wilson_s_published_interval(
-    successes, trials, low, high
-):
+def test_independent_trials_have_wilson_s_interval(successes, trials, low, high):
     rate = success_rate((seed, seed < successes) for seed in range(trials))
     assert (rate.successes, rate.trials) == (successes, trials)
     assert (rate.low, rate.high) == pytest.approx((low, high), abs=5e-5)

@@ -116,9 +116,7 @@ def test_a_bag_is_read_back_bit_for_bit(exported):
     np.testing.assert_array_equal(rows, states)
 
 
-def test_replayed_open_loop_it_opens_a_door_as_the_agent_that_wrote_it(
-    exported, skill_file
-):
+def test_replayed_open_loop_it_opens_a_door_as_its_agent(exported, skill_file):
     """The acceptance is 1 N and 1°."""
     samples = json.loads(exported[-1].with_suffix(".json").read_text())["samples"]
     turns = rotvecs_from_quaternions(samples["quaternion_xyzw"], order="xyzw")

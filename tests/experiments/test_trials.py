@@ -200,9 +200,7 @@ def test_levels_weigh_the_same_with_any_doors(write_study, episode_result):
     assert answer.shift.estimate == 3.0
 
 
-def test_p_values_are_corrected_for_all_contrasts_of_a_track(
-    write_study, episode_result
-):
+def test_p_values_are_corrected_for_contrasts_of_a_track(write_study, episode_result):
     """A contrast that is significant alone is not among the others of its track."""
     measure, better = "stop_force_sustained", [-2.0, -3.0, -2.5, -4.0, -3.5, -1.5, 0.2]
     results = []
@@ -238,9 +236,7 @@ def test_an_error_of_the_policy_is_a_failure_in_every_share(
     assert entry["success"]["estimate"] == pytest.approx(7 / 15, abs=1e-5)
 
 
-def test_the_command_runs_a_part_and_goes_on(
-    tmp_path, monkeypatch, capsys, episode_result
-):
+def test_a_part_is_run_and_continued(tmp_path, monkeypatch, capsys, episode_result):
     ran = []
     metrics = episode_result("gp")["metrics"]
 

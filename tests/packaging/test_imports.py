@@ -31,9 +31,7 @@ assert len(pools) > 1 and {{p["num_threads"] for p in pools}} == {{1}}, pools
 """
 
 
-def test_importing_changes_nothing_outside_and_leaves_slow_libraries(
-    tmp_path, run_python
-):
+def test_imports_change_nothing_outside_and_leave_slow_libraries(tmp_path, run_python):
     """No file written, no environment variable set, no global random state touched.
 
     Imported first: the two dependencies that set variables of their own. From the

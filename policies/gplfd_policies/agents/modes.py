@@ -194,7 +194,7 @@ class ModesAgent:
                         self._target = self._trail.pop()
                     else:
                         self._target = self._target + stride / distance * way
-                back = replace(
+                return self._decided(
                     last,
                     action=self._target + self._offset,
                     desired=self._target,
@@ -204,7 +204,6 @@ class ModesAgent:
                     stability_margin=last.stability_margin + last.stiffness_rate,
                     via_point=False,
                 )
-                return self._decided(back)
             self.mode, self._trail, self.begins = self._next, [self._target], True
         else:
             self.begins = False
@@ -216,13 +215,12 @@ class ModesAgent:
         """Return a step of the agent of `mode`, without a jump of the set-point."""
         if self.begins and self._last is not None:
             self._offset = self._decay * (self._last.action - step.action)
-        return self._decided(replace(step, action=step.action + self._offset))
+        return self._decided(step, action=step.action + self._offset)
 
-    def _decided(self, step: AgentStep) -> AgentStep:
+    def _decided(self, step: AgentStep, **changes: Any) -> AgentStep:
         weights = np.exp(self._log_weights - self._log_weights.max())
-        probability = float(weights[self.mode] / weights.sum())
-        mode = float(self.mode)
-        self._last = replace(step, mode=mode, mode_probability=probability)
+        changes["mode_probability"] = float(weights[self.mode] / weights.sum())
+        self._last = replace(step, mode=float(self.mode), **changes)
         return self._last
 
     def forecast(self) -> GaussianTrajectory:

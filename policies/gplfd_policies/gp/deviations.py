@@ -120,6 +120,7 @@ class DeviationLikelihood:
         chosen = deviations[:, kept]
         self.times, self.noise = times[kept], noise[kept]
         self.scatter, self.free = chosen.T @ chosen, len(deviations) - 1
+        self._squared = np.subtract.outer(self.times, self.times) ** 2
 
     def process(self, theta: KernelParameters) -> DeviationProcess:
         """Return the covariance for θ."""
@@ -135,9 +136,9 @@ class DeviationLikelihood:
         """Return the log-likelihood at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
-        covariance[np.diag_indices_from(covariance)] += (
-            process.white_variance(self.noise) + _RELATIVE_JITTER * self.noise
-        )
+        task, wobble = process.split(self.noise)
+        white_noise = process.white * wobble + _RELATIVE_JITTER * self.noise
+        covariance.flat[:: len(self.times) + 1] += white_noise
         factor = factorise(covariance)
         inverse = factor.solve(np.eye(len(self.times)))
         misfit = float(np.sum(inverse * self.scatter))
@@ -145,8 +146,7 @@ class DeviationLikelihood:
         # d log p = ½ tr((C⁻¹ scatter C⁻¹ − (D − 1) C⁻¹) dC)
         sensitivity = 0.5 * (inverse @ self.scatter @ inverse - self.free * inverse)
         # tr(sensitivity · dC/dθ) for every parameter.
-        task, wobble = process.split(self.noise)
-        squared = np.subtract.outer(self.times, self.times) ** 2
+        squared = self._squared
         long = np.exp(-0.5 * squared / process.long_scale**2)
         short = np.exp(-0.5 * squared / process.short_scale**2)
         root_task, root_wobble = np.sqrt(task), np.sqrt(wobble)
