@@ -111,25 +111,25 @@ def rollouts(
     asked = [partial(agents.forecast, row) for row in range(envs.num_envs)]
     forecasts = ForecastRecorder(asked, forecast_period, forecast_angles)
     every, acting = np.arange(envs.num_envs), np.ones(envs.num_envs, dtype=bool)
+    commands = np.zeros(envs.action_space.shape or ())
     ended, truncated = ~acting, ~acting
     while True:
         before_step()
         times = observations["time"][:, 0]
         forecasts.take_if_due(times, infos["door_angle"], ended, acting)
-        act = partial(agents.act, observations, acting)
-        decided, cpu, wall = _timed(act, steps.count)
-        state = {"times": times, "qpos": envs.qpos, "solved": infos["success"]}
-        shares = np.array([[cpu], [wall]]) / np.count_nonzero(acting)
-        cpus, walls = np.broadcast_to(shares, (2, envs.num_envs))
-        latency = {"latency_s": cpus, "latency_wall_s": walls, "row": every}
         rows = np.flatnonzero(acting)
+        decide = partial(agents.decide, observations, rows)
+        decided, cpu, wall = _timed(decide, steps.count)
+        state = {"times": times, "qpos": envs.qpos, "solved": infos["success"]}
+        cpus, walls = (np.full(envs.num_envs, x / len(rows)) for x in (cpu, wall))
+        latency = {"latency_s": cpus, "latency_wall_s": walls, "row": every}
         steps.add({**infos, **observations, **state, **latency}, decided, rows)
         # An episode's last row is the state in which it ended.
         acting = acting & ~ended
         if not acting.any():
             break
-        command = decided.command(agents.control)
-        observations, _, terminated, truncated, infos = envs.step(command)
+        commands[rows] = decided.command(agents.control)
+        observations, _, terminated, truncated, infos = envs.step(commands)
         ended = terminated | truncated
     names = zip(policies, doors, seeds, strict=True)
     return (
@@ -159,12 +159,15 @@ class _Steps:
     def add(
         self, values: Mapping[str, Any], decided: object, rows: Rows | None = None
     ) -> None:
-        """Copy all quantities of a control step: of these rows, or of one agent."""
+        """Copy the quantities of a step: of one agent, or of these that decided."""
         first, self.count = self._size, self.count + 1
         self._size += 1 if rows is None else len(rows)
         for name in ("row", "times", *PER_STEP):
             now = np.asarray(values[name] if name in values else getattr(decided, name))
-            now = now[None] if rows is None else now.take(rows, axis=0)
+            if rows is None:
+                now = now[None]
+            elif name in values:
+                now = now.take(rows, axis=0)
             if self._size > len(self._grown.get(name, ())):
                 dtype = bool if now.dtype == bool else np.float64
                 grown = np.empty((max(128, 2 * self._size), *now.shape[1:]), dtype)

@@ -252,7 +252,7 @@ class AgentBatch:
     ) -> AgentStep:
         """Return the next commands of the agents of the mask (N,), or of all."""
         rows = rows_of(mask, len(self._agents))
-        steps = self._decide(observations, rows).among(rows, self._actions)
+        steps = self.decide(observations, rows).among(rows, self._actions)
         self._actions = steps.action
         return steps
 
@@ -264,8 +264,8 @@ class AgentBatch:
         for row in np.arange(len(self._agents))[rows].tolist():
             self._agents[row].reset(row_of(observations, row))
 
-    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
-        """Return the steps of these rows only."""
+    def decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        """Return the next steps of these rows only, given the observations of all."""
         numbers = np.arange(len(self._agents))[rows].tolist()
         return AgentStep.stacked(
             [self._agents[row].act(row_of(observations, row)) for row in numbers]
@@ -295,7 +295,8 @@ class _VectorisedBatch(AgentBatch):
     def _reset(self, observations: Observation, rows: Rows) -> None:
         self._controller.reset(rows)
 
-    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+    def decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        """See `AgentBatch.decide`."""
         poses, wrenches = observations["ee_pose"][rows], observations["wrench"][rows]
         return self._controller.decide(poses, wrenches, rows)
 

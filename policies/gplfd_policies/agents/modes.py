@@ -244,21 +244,22 @@ class ModesBatch(AgentBatch):
             self._agents[row].begin(measured(row_of(observations, row))[0])
         self._modes.reset(observations, begun)
 
-    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+    def decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        """See `AgentBatch.decide`."""
         steps: dict[int, Any] = {}
         for row in np.arange(len(self._agents))[rows].tolist():
             steps[row] = self._agents[row].step_back(row_of(observations, row))
         acting = [row for row, back in steps.items() if back is None]
         places = [self._firsts[row] + self._agents[row].mode for row in acting]
-        acts, begins = np.zeros((2, sum(self._counts)), dtype=bool)
-        acts[places], begins[places] = True, [self._agents[n].begins for n in acting]
+        begins = np.zeros(sum(self._counts), dtype=bool)
+        begins[places] = [self._agents[row].begins for row in acting]
         each = {n: np.repeat(v, self._counts, axis=0) for n, v in observations.items()}
         if begins.any():
             self._modes.reset(each, begins)
         if acting:
-            together = self._modes.act(each, acts)
-            for row, place in zip(acting, places, strict=True):
-                steps[row] = self._agents[row].onward(together.of(place))
+            together = self._modes.decide(each, np.array(places))
+            for index, row in enumerate(acting):
+                steps[row] = self._agents[row].onward(together.of(index))
         return AgentStep.stacked([*steps.values()])
 
 

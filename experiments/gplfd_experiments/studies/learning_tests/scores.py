@@ -277,9 +277,8 @@ def force_scores(
     for name, (predicted, truth) in predictions.items():
         scores[f"{name}_error_n"] = rms_distance(predicted.mean, truth)
         scores[f"{name}_nlpd"] = none_if_nan(predicted.nlpd(truth))
-        scores[f"{name}_coverage_95"] = none_if_nan(
-            predicted.coverage(truth, normal=True)
-        )
+        coverage = predicted.coverage(truth, normal=True)
+        scores[f"{name}_coverage_95"] = none_if_nan(coverage)
     return scores
 
 
