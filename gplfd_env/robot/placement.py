@@ -10,6 +10,7 @@ import math
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel
 
 from gplfd_env.conventions.constants import Array, Base, Start
 from gplfd_env.doors.config import MOTIONS, DoorConfig
@@ -107,8 +108,8 @@ def task_in_door_frame(
 
 
 def solve_closed_posture(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
+    model: MjModel,
+    data: MjData,
     door: DoorConfig,
     placement: Placement,
     robot: RobotConfig,
@@ -135,7 +136,7 @@ def solve_closed_posture(
 
 
 def solve_standoff_posture(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig, pose: Array
+    model: MjModel, data: MjData, robot: RobotConfig, pose: Array
 ) -> None:
     """Move the hand back to a pose (6,), in small steps; ValueError out of reach."""
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
@@ -149,16 +150,13 @@ def solve_standoff_posture(
         )
 
 
-def arm_addresses(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
+def arm_addresses(model: MjModel, robot: RobotConfig) -> list[int]:
     """Return the addresses of the arm's joints, the same in qpos and qvel."""
     return [int(model.joint(name).qposadr[0]) for name in robot.arm]
 
 
 def _bring_hand(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    robot: RobotConfig,
-    away: Array | None = None,
+    model: MjModel, data: MjData, robot: RobotConfig, away: Array | None = None
 ) -> tuple[float, bool]:
     """Move the hand to the task frame, or `away` from it; return error and success."""
     arm = arm_addresses(model, robot)

@@ -53,19 +53,24 @@ GRASP_KEY: Final = 0
 standoff, the open hand is in front of the handle."""
 
 SCENE_FIELDS: Final = (
-    "actuator_acc0", "actuator_biasprm", "actuator_length0", "body_inertia",
-    "body_invweight0", "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
-    "body_sameframe", "body_subtreemass", "bvh_aabb", "cam_mat0", "cam_pos", "cam_pos0",
-    "cam_poscom0", "cam_quat", "dof_M0", "dof_damping", "dof_frictionloss",
-    "dof_invweight0", "dof_length", "eq_data", "geom_aabb", "geom_pos", "geom_quat",
-    "geom_rbound", "geom_rgba", "geom_sameframe", "geom_size", "jnt_axis", "jnt_pos",
-    "jnt_range", "jnt_stiffness", "key_ctrl", "key_qpos", "light_pos0",
-    "light_poscom0", "qpos_spring", "site_pos", "site_quat", "site_sameframe",
-    "tendon_frictionloss", "tendon_invweight0", "tendon_length0", "tendon_lengthspring",
-    "tendon_range", "tendon_rgba", "tendon_solref_lim", "tendon_stiffness",
-    "tendon_width", "wrap_prm",
+    "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
+    "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
+    "body_subtreemass", "bvh_aabb", "cam_mat0", "cam_pos", "cam_pos0", "cam_poscom0",
+    "cam_quat", "dof_M0", "dof_invweight0", "dof_length", "eq_data", "geom_aabb",
+    "geom_pos", "geom_quat", "geom_rbound", "geom_size", "jnt_axis", "jnt_pos",
+    "jnt_range", "key_ctrl", "key_qpos", "light_pos0", "light_poscom0", "qpos_spring",
+    "site_pos", "site_quat", "tendon_invweight0", "tendon_length0", "tendon_range",
+    "wrap_prm",
 )  # fmt: skip
-"""Fields in which the models of two scenes of one structure can differ."""
+"""Fields of the model in which the geometry of two scenes can differ."""
+
+DOOR_FIELDS: Final = (
+    *SCENE_FIELDS, "actuator_biasprm", "body_sameframe", "dof_damping",
+    "dof_frictionloss", "geom_rgba", "geom_sameframe", "jnt_stiffness",
+    "site_sameframe", "tendon_frictionloss", "tendon_lengthspring", "tendon_rgba",
+    "tendon_solref_lim", "tendon_stiffness", "tendon_width",
+)  # fmt: skip
+"""All fields in which the models of two scenes of one `Structure` can differ."""
 
 _SITE: Final = mujoco.mjtObj.mjOBJ_SITE
 _JOINT: Final = mujoco.mjtObj.mjOBJ_JOINT

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from mujoco import MjModel, MjsBody, MjSpec
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
@@ -42,7 +43,7 @@ _HELD: Final[dict[str, Any]] = {
 _BALL: Final = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
 
 
-def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
+def add_bar(leaf: MjsBody, door: DoorConfig, foot: float, height: float) -> None:
     """Add a bar: the geom ``handle_bar`` and the site ``handle``.
 
     The leaf's surface is at `foot` along x, the grasped point `height` above the middle
@@ -69,7 +70,7 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
         leaf.add_site(name="leaf_axes", pos=point(0.0, 0.0), quat=turn, **UNDRAWN)
 
 
-def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
+def add_turning_handle(leaf: MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a lever that points to the hinge, or a knob, on the joint ``handle``.
 
     A positive angle presses the lever down; a knob turns the same way. The site
@@ -91,7 +92,7 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     add_rod(leaf, "handle_rose", rose, 0.026, mass=0.05)
 
 
-def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
+def add_rocker(leaf: MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
 
     The hand holds a horizontal rod that turns about an axis parallel to it. The geom
@@ -125,12 +126,12 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
 
 
 def _add_turned_body(
-    leaf: mujoco.MjsBody,
+    leaf: MjsBody,
     door: DoorConfig,
     place: Sequence[float],
     axis: Sequence[float] | Array,
     damping: float,
-) -> mujoco.MjsBody:
+) -> MjsBody:
     """Add body and joint ``handle`` with a return spring; damping in N m s/rad."""
     preload, stiffness = door.handle_spring
     body = leaf.add_body(name="handle", pos=place, gravcomp=1.0)
@@ -148,9 +149,7 @@ def _add_turned_body(
     return body
 
 
-def set_spring(
-    model: mujoco.MjModel, joint: str, preload: float, stiffness: float
-) -> None:
+def set_spring(model: MjModel, joint: str, preload: float, stiffness: float) -> None:
     """Set a joint's spring towards zero: preload + stiffness times position."""
     handle = model.joint(joint)
     model.jnt_stiffness[handle.id] = stiffness
@@ -190,9 +189,9 @@ PLAY: Final = math.radians(1.0)
 
 
 def add_latch(
-    spec: mujoco.MjSpec,
-    frame: mujoco.MjsBody,
-    leaf: mujoco.MjsBody,
+    spec: MjSpec,
+    frame: MjsBody,
+    leaf: MjsBody,
     door: DoorConfig,
     lock_edge: float,
     base: Base,

@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
-from gplfd_env.scene.build import GRASP_KEY, SCENE_FIELDS, build_scene, load_scene
+from gplfd_env.scene.build import DOOR_FIELDS, GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
 from gplfd_env.simulation.command import ExtraInputs, ServoGains
 from gplfd_env.simulation.single import BAD_STATE, Robot
@@ -24,8 +24,8 @@ _COUNT: Final = 1  # Column of `Batch.warning` with the counts.
 class SameStructureBatch:
     """n simulations with doors of the same structure, a part of a `DoorBatch`.
 
-    They share one model but for the fields in which they differ, because n models would
-    push each other out of the processor's cache; arms' gains change too often for that.
+    They share one model but for the fields in which they differ, as n models exceed the
+    processor's cache. Under impedance control and after `separate`, each has its own.
     """
 
     def __init__(self, n: int, robot: Robot, begin: Variation, threads: int) -> None:
@@ -59,7 +59,7 @@ class SameStructureBatch:
         if not self._sharing:
             self._batch.set_models(self.models)
             return
-        for name in SCENE_FIELDS:
+        for name in DOOR_FIELDS:
             values, shared = self._values.get(name), getattr(self._scene, name)
             for row in rows:
                 of_row = getattr(self.models[row], name)

@@ -270,8 +270,7 @@ class Episode:
         """Update the episode from sensor values, a list or (number, n) array."""
         progress, opening = self.progress, self.progress.opening
         angle_before = self.readings.door.angle
-        progress.steps = progress.steps + (1 if stepped is None else stepped)
-        # Of the others, the sensor values and so the readings are those of before.
+        progress.steps = progress.steps + 1
         self.readings = readings = self._read(values, progress.steps, stepped)
         door, latched = readings.door, readings.latched
         blocked = opened = False
@@ -467,11 +466,13 @@ class Episodes(Episode):
             super().advance(values)
             return
         # Arrays are never modified in place: a copy of the record is enough.
-        before = mapped(lambda entry: entry, self.progress)
+        before, time = mapped(lambda entry: entry, self.progress), self.readings.time
         super().advance(values, stepped)
+        # Sensor values of the others are kept, and all but the time follow from them.
+        time = where(stepped, self.readings.time, time)
+        self.readings = self.readings._replace(time=time)
         before.terms = self._terms(0.0, 0.0, False)
-        now = self.progress
-        self.progress = mapped(lambda new, old: where(stepped, new, old), now, before)
+        self.progress = mapped(lambda *x: where(stepped, *x), self.progress, before)
 
     def info(self) -> Info:
         """Return the infos as new arrays (n, ...)."""

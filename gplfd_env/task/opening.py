@@ -28,6 +28,8 @@ from gplfd_env.doors.config import DoorConfig
 if TYPE_CHECKING:  # Policies need the criteria without MuJoCo.
     from gplfd_env.task.observation import DoorReading
 
+Terms = dict[str, Number]  # Terms of a reward, by name.
+
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)
 """Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so
 that an agent that follows one with some lag still succeeds."""
@@ -214,9 +216,6 @@ class Diagnosis:
         reached = (failure == NOT_GRASPED) & (self.cause == _OUT_OF_REACH)
         reason = where(lost, _HANDLE_LOST, failure)
         return where(caused | (recent & reached), self.cause, reason)
-
-
-Terms = dict[str, Number]
 
 
 def reward_terms(angle_gain: Number, radial: Number, success: Flag) -> Terms:

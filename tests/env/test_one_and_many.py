@@ -5,6 +5,7 @@ Gymnasium's conventions independently: time limits, masks of infos, what a reset
 same or the next step returns.
 """
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -213,6 +214,8 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(value, mode, make_pair
         assert_same(result, model.step(actions))
         ends.append(result[3].tolist())
         if mode is DISABLED and result[3].any():
+            later = copy.deepcopy(ours).step(actions)[0]
+            assert later["time"][1] == result[0]["time"][1], "it stands still"
             reset_both(ours, model, options={"reset_mask": result[3]})
     alone = [False, True, False, False]
     assert ends == [alone if step in (3, 7) else 4 * [False] for step in range(12)]

@@ -70,17 +70,19 @@ def test_render_returns_a_picture_of_each(make_vec, start_env):
 
 
 def test_an_edited_model_counts_from_then_on(make_vec):
-    """Also in a copy; the others, which shared a model with it, go on as before."""
+    """Also in a copy and with another door; the other simulation goes on as before."""
     envs, twin = make_vec(2), make_vec(2)
     for each in (envs, twin):
         each.reset(seed=0)
         each.step(np.stack(2 * [PULL]))
-    envs.models[0].actuator_gainprm[0, 0] = 0.0
+    envs.models[0].actuator_gainprm[0, 0] = envs.models[0].dof_damping[0] = 0.0
     envs = copy.deepcopy(envs)
     for _ in range(10):
         hands, others = (x.step(np.stack(2 * [PULL]))[0] for x in (envs, twin))
     assert hands["ee_pose"][0, 0] < 0.7 * others["ee_pose"][0, 0]
     assert_array_equal(hands["ee_pose"][1], others["ee_pose"][1])
+    envs.reset(options={"door": "large"})
+    assert envs.models[0].dof_damping[0] == 0.0
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP])

@@ -111,7 +111,6 @@ def rollouts(
     asked = [partial(agents.forecast, row) for row in range(envs.num_envs)]
     forecasts = ForecastRecorder(asked, forecast_period, forecast_angles)
     every, acting = np.arange(envs.num_envs), np.ones(envs.num_envs, dtype=bool)
-    commands = np.zeros(envs.action_space.shape or ())
     ended, truncated = ~acting, ~acting
     while True:
         before_step()
@@ -128,7 +127,9 @@ def rollouts(
         acting = acting & ~ended
         if not acting.any():
             break
-        commands[rows] = decided.command(agents.control)
+        command = decided.command(agents.control)
+        commands = np.zeros((envs.num_envs, command.shape[1]))
+        commands[rows] = command
         observations, _, terminated, truncated, infos = envs.step(commands)
         ended = terminated | truncated
     names = zip(policies, doors, seeds, strict=True)

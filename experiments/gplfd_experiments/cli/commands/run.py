@@ -112,11 +112,9 @@ class Learn:
 
         name = self.demonstrations.absolute().name.removesuffix(".npz")
         out = self.out or Path(f"{name}-skill.npz")
-        skill = learn_skill(
-            self.demonstrations, out, policy=self.policy, seed=self.seed
-        )
-        print(f"{out}: {skill}")
-        if skill.frame != "door":
+        made = learn_skill(self.demonstrations, out, policy=self.policy, seed=self.seed)
+        print(f"{out}: {made}")
+        if made.frame != "door":
             print("no doors are opened with it: import with --frame hinge for that")
             return 0
         doors = demonstrated_doors(self.demonstrations)
