@@ -30,7 +30,7 @@ except ImportError as error:
 WORLD_FIELDS: Final = (
     "actuator_acc0", "actuator_biasprm", "body_inertia", "body_invweight0",
     "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
-    "body_subtreemass", "dof_damping", "dof_frictionloss", "dof_invweight0",
+    "body_subtreemass", "dof_damping", "dof_frictionloss", "dof_invweight0", "eq_data",
     "geom_aabb", "geom_pos", "geom_quat", "geom_rbound", "geom_size", "jnt_axis",
     "jnt_range", "jnt_stiffness", "qpos_spring", "site_pos", "site_quat",
     "tendon_invweight0", "tendon_length0", "tendon_lengthspring", "tendon_range",
