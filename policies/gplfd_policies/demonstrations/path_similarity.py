@@ -473,22 +473,18 @@ def advance(
     smoothness 3/2, (1 + λ|Δ|) exp(-λ|Δ|) with the rate λ.
     """
     decay = np.exp(-rate * step)
-    # f and df/ds follow from both: rows of the transition matrix.
-    moves = (
-        (decay * (1.0 + rate * step), decay * step),
-        (-decay * rate**2 * step, decay * (1.0 - rate * step)),
-    )
+    # f and df/ds follow from both: columns of the transition matrix, p and q.
+    p = np.array([decay * (1.0 + rate * step), -decay * rate**2 * step])
+    q = np.array([decay * step, decay * (1.0 - rate * step)])
+    by_p, by_q = p[:, None], q[:, None]
     moved, spread = np.empty_like(mean), np.empty_like(covariance)
     moved[0], spread[0, 0] = mean[0], covariance[0, 0]
-    left = covariance[1, 1] - 1.0, covariance[2, 2] - rate**2
-    cross, other = covariance[1, 2], covariance[2, 1]
-    for i, (p, q) in enumerate(moves, 1):
-        moved[i] = p * mean[1] + q * mean[2]
-        spread[0, i] = covariance[0, 1] * p + covariance[0, 2] * q
-        spread[i, 0] = p * covariance[1, 0] + q * covariance[2, 0]
-        for j, (r, s) in enumerate(moves, 1):
-            upper = p * left[0] * r + p * cross * s
-            spread[i, j] = upper + q * other * r + q * left[1] * s
+    moved[1:] = p * mean[1] + q * mean[2]
+    spread[0, 1:] = covariance[0, 1] * p + covariance[0, 2] * q
+    spread[1:, 0] = p * covariance[1, 0] + q * covariance[2, 0]
+    smooth = by_p * (covariance[1, 1] - 1.0) * p + by_p * covariance[1, 2] * q
+    smooth += by_q * covariance[2, 1] * p
+    spread[1:, 1:] = smooth + by_q * (covariance[2, 2] - rate**2) * q
     spread[1, 1] += 1.0
     spread[2, 2] += rate**2
     return moved, spread
