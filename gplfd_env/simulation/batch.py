@@ -66,8 +66,7 @@ class SameStructureBatch:
                 if values is None and np.count_nonzero(of_row != shared):
                     values = self._values[name] = self._batch.expand(name)
                 if values is not None:
-                    # Bounding volumes of meshes are the same and stay shared.
-                    values[row] = of_row[: values.shape[1]]
+                    values[row] = of_row[: values.shape[1]]  # Not bounds of meshes.
 
     def separate(self) -> None:
         """Let simulations use their own models from now on, so that edits count."""

@@ -486,7 +486,8 @@ class Episodes(Episode):
             elif kind is str:
                 info[name] = _WORDS[name][value]
             else:
-                info[name] = np.full(self.n, value, kind)
+                info[name] = np.empty(self.n, kind)  # np.full takes half as long again.
+                info[name][:] = value
         return info
 
     def _index_of(self, row: int) -> Any:
