@@ -20,8 +20,8 @@ With the servo's stiffness they correspond to 60 N and 10 N m; its damping limit
 free hand to 0.34 m/s and 1.3 rad/s."""
 
 Limits = tuple[float, float]
-VectorWrapper = gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
-VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
+_VectorWrapper = gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
+_VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 
 _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
 
@@ -110,10 +110,10 @@ class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
         self._begin(env.action_space, limits)
 
 
-class VectorRelativeAction(_Relative, VectorWrapper):
+class VectorRelativeAction(_Relative, _VectorWrapper):
     """`RelativeAction` for vector environments: actions (n, 6)."""
 
-    def __init__(self, env: VectorEnv, limits: Limits = LIMITS) -> None:
+    def __init__(self, env: _VectorEnv, limits: Limits = LIMITS) -> None:
         super().__init__(env)
         self.single_action_space = _SPACE
         self.action_space = batch_space(_SPACE, env.num_envs)
@@ -149,10 +149,10 @@ class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
         self.observation_space = _flat_space(env.observation_space)
 
 
-class VectorFlatObservation(_Flat, VectorWrapper):
+class VectorFlatObservation(_Flat, _VectorWrapper):
     """`FlatObservation` for vector environments: (n, m), ``final_obs`` included."""
 
-    def __init__(self, env: VectorEnv) -> None:
+    def __init__(self, env: _VectorEnv) -> None:
         super().__init__(env)
         space = _flat_space(env.single_observation_space)
         self.single_observation_space = space
@@ -192,7 +192,7 @@ class NumericInfo(_Numeric, gym.Wrapper[Any, Any, Any, Any]):
     """
 
 
-class VectorNumericInfo(_Numeric, VectorWrapper):
+class VectorNumericInfo(_Numeric, _VectorWrapper):
     """`NumericInfo` for vector environments: (n,) int64, with its mask."""
 
 

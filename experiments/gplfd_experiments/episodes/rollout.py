@@ -160,7 +160,7 @@ class _Steps:
     def add(
         self, values: Mapping[str, Any], decided: object, rows: Rows | None = None
     ) -> None:
-        """Copy the quantities of a step: of one agent, or of these that decided."""
+        """Copy the quantities of a step: of one agent, or of the rows that decided."""
         first, self.count = self._size, self.count + 1
         self._size += 1 if rows is None else len(rows)
         for name in ("row", "times", *PER_STEP):

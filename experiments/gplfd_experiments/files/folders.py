@@ -14,7 +14,7 @@ def check_replaceable(folder: Path, mark: str, kind: str, *, overwrite: bool) ->
     if folder.exists() and not (folder / mark).is_file():
         raise ValueError(f"{folder} exists and is no {kind}; give another folder")
     if folder.exists() and not overwrite:
-        raise ValueError(f"{folder} exists; give another folder, or --overwrite it")
+        raise ValueError(f"{folder} exists; give another folder, or --overwrite")
 
 
 @contextlib.contextmanager

@@ -110,13 +110,14 @@ class Learn:
         """Learn, and print how to use the file."""
         from gplfd_experiments.workflows.skills import demonstrated_doors, learn_skill
 
-        name = self.demonstrations.absolute().name.removesuffix(".npz")
+        demonstrations = self.demonstrations
+        name = demonstrations.absolute().name.removesuffix(".npz")
         out = self.out or Path(f"{name}-skill.npz")
-        made = learn_skill(self.demonstrations, out, policy=self.policy, seed=self.seed)
-        print(f"{out}: {made}")
-        if made.frame != "door":
+        skill = learn_skill(demonstrations, out, policy=self.policy, seed=self.seed)
+        print(f"{out}: {skill}")
+        if skill.frame != "door":
             print("no doors are opened with it: import with --frame hinge for that")
             return 0
-        doors = demonstrated_doors(self.demonstrations)
+        doors = demonstrated_doors(demonstrations)
         print(f"open doors with it:  {options.open_command(out, doors, self.policy)}")
         return 0
