@@ -184,9 +184,9 @@ def _played(
         torques = (data.actuator_force @ moments + data.qfrc_gravcomp)[moving]
         forces = [info[f"force_{of}"] for of in ("tangential", "radial", "vertical")]
         vectors = forces, seen["wrench"][3:], *np.split(seen["ee_twist"], 2)
-        numbers = [*map(np.linalg.norm, vectors), info["door_angle"], *seen["ee_pose"][:3]]
-        motion = np.abs(data.qvel[moving]), np.abs(torques)
-        rows.append([*numbers, *seen["joint_pos"], *np.ravel(motion)])
+        numbers = [*map(np.linalg.norm, vectors), info["door_angle"]]
+        motion = [*seen["joint_pos"], *np.abs(data.qvel[moving]), *np.abs(torques)]
+        rows.append([*numbers, *seen["ee_pose"][:3], *motion])
         if over:
             break
     ranges = np.array([joint.range for joint in joints]).T
